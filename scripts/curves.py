@@ -62,8 +62,8 @@ def main(config: Config) -> Study | None:
     return None
   with StageLine(CURVES) as progress:
     studied = study(dataset, config.most, config.threads, progress, config.plant)
-  note = f"characterised on {studied.dataset}: curves of no known form; sessions' own trims are left out"
-  save_twin(config.out / "twin.toml", *studied.shipped, note, studied.shipped_shift)
+  best = studied.shipped
+  save_twin(config.out / "twin.toml", best.twin, best.theta, best.note, best.command_shift)
   write_json(config.out / "curves.json", studied.document())
   for line in sentences(studied):
     print(line)

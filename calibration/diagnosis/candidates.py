@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 # precisions of the trial steps' restraint, in units of each parameter's scale
 _FRESH, _STALE = (0.0, 10.0, 300.0), (1.0, 100.0)
 HELD = _STALE[0]  # the least restraint along slopes that were taken elsewhere
+_STEP = 0.03  # of a forward difference, in units of the parameter's scale
 _LENGTHS = (1.0, 2.0)  # of a step along fresh columns: a small valley in a rough slope is stepped over
 
 
@@ -193,9 +194,9 @@ def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool)
     item.jacobian[: item.n_train, i] = (residual - item.residual[: item.n_train]) / h
 
 
-def difference_step(item: Candidate, i: int, share: float = 0.03) -> float:
+def difference_step(item: Candidate, i: int) -> float:
   """Step of a free parameter for its Jacobian column, away from its upper bound."""
-  h = share * item.free.scale[i]
+  h = _STEP * item.free.scale[i]
   return -h if item.values[i] + h > item.free.upper[i] else h
 
 

@@ -81,8 +81,11 @@ def correct(problem: Problem, model: Candidate) -> None:
 
 
 def _nest(pool: Pool) -> None:
-  """No set that MuJoCo has seen fits worse than its subsets: where it does, it takes their estimates over."""
-  for key in sorted((k for k, m in pool.models.items() if k and m.confirmed), key=len):
+  """No set fits worse than its subsets that MuJoCo has seen: where it does, it takes their estimates over.
+
+  One that MuJoCo has not seen, too: it stands where its subset stood before that was corrected.
+  """
+  for key in sorted(filter(None, pool.models), key=len):
     smaller = [m for k, m in pool.models.items() if k < key and m.confirmed]
     parent, model = min(smaller, key=lambda m: m.cost, default=None), pool.models[key]
     if parent is not None and model.cost > parent.cost:

@@ -25,7 +25,8 @@ class ChannelFit:
 
   Attributes:
     noise_floor, driving_noise: of the sensors at standstill and while driving, in the channel's unit.
-    ci95: bounds of after / before - 1 by a block bootstrap: negative is an improvement.
+    ci95: bounds of after / before - 1 by a block bootstrap: negative is an improvement; NaN of a single block, which
+      shows no scatter.
   """
 
   before: float
@@ -70,7 +71,6 @@ def compare_twins(
   recordings: Sequence[Recording],
   floor: Mapping[str, float],
   cut: Cut,
-  seed: int = 0,
   without: Mapping[str, Array] | None = None,
 ) -> tuple[dict[str, ChannelFit], Replay | None]:
   """Errors of two parameter vectors on recordings, per channel.
@@ -81,7 +81,6 @@ def compare_twins(
     recordings: what to predict.
     floor: noise of each residual channel at standstill.
     cut: how recordings are cut; the timing that was fitted.
-    seed: of the bootstrap.
     without: parameter vectors of the repaired twin without one of its mechanisms, by its name, (P,) each.
 
   Returns:
@@ -92,7 +91,7 @@ def compare_twins(
   observations, reduced = observe(recordings, twin.vehicle, cut), without or {}
   prediction = twin.rollout(np.stack([before, after, *reduced.values()]), observations.stretches.segments)
   errors = observations.predict(prediction) - observations.measured
-  random = np.random.default_rng(seed)
+  random = np.random.default_rng(0)
   driving = residual_floor(driving_noise(recordings))
   fits = {name: channel_fit(observations, errors, name, (floor, driving), random) for name in observations.present}
   return fits, Replay(observations, errors[0], errors[1], dict(zip(reduced, errors[2:], strict=True)))
@@ -102,6 +101,11 @@ def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
   """Geometric mean over the channels of both of after / before, errors in one unit per channel; 1 without any."""
   shares = [after[name] / before[name] for name in before if before[name] > 0.0 and after.get(name, 0.0) > 0.0]
   return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
+
+
+def change(fits: Mapping[str, ChannelFit]) -> float:
+  """Geometric mean over the channels of the errors, after over before; 1 without any."""
+  return ratio({n: f.after for n, f in fits.items()}, {n: f.before for n, f in fits.items()})
 
 
 def recovered_share(fits: Mapping[str, ChannelFit]) -> float:
@@ -168,7 +172,7 @@ def channel_fit(
   picks = random.integers(0, sums.shape[1], (500, sums.shape[1]))
   ratio = np.sqrt(sums[1][picks].sum(axis=1) / np.maximum(sums[0][picks].sum(axis=1), 1e-30)) - 1.0
   before, after = np.sqrt(squares.mean(axis=1))
-  low, high = np.quantile(ratio, [0.025, 0.975])
+  low, high = np.quantile(ratio, [0.025, 0.975]) if sums.shape[1] > 1 else (np.nan, np.nan)
   still, driving = (float(floor.get(name, 0.0)) for floor in floors)
   return ChannelFit(float(before), float(after), still, driving, (float(low), float(high)),
                     UNITS[name], int(rows.sum()))  # fmt: skip

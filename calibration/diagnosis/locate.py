@@ -16,7 +16,6 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.region import Region, find_region
 from calibration.diagnosis.unexplained.unknown import SUBSYSTEM
 from calibration.fitting.observations import CHANNELS, Observations
-from qcar_twin.plant import Prediction
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -44,8 +43,8 @@ class Location:
     source: "claim", "unknown" or "residual": what the evidence is measured by.
     subsystem: command, steering, tyre, ground, drive, body, sensor, or "none" without a mismatch.
     channels: share of the evidence per channel, largest first.
-    degree: degree of freedom or sensor an unknown error would have to act on, e.g. "force_x"; "" if none was tried.
-    degrees: held-out gain of each of them, nats.
+    degrees: degree of freedom or sensor an unknown error would have to act on, e.g. "force_x", and its held-out gain,
+      nats, largest first; {} if none was tried.
     time: the seconds that carry the evidence, largest share first.
     region: the circumstances as a rule to read.
     evidence: nats per measured value, (M,).
@@ -54,7 +53,6 @@ class Location:
   source: str
   subsystem: str
   channels: dict[str, float]
-  degree: str
   degrees: dict[str, float]
   time: tuple[Span, ...]
   region: Region
@@ -66,7 +64,6 @@ def locate(
   model: Candidate,
   unknown_gains: Mapping[str, float] | None = None,
   unknown: Candidate | None = None,
-  prediction: Prediction | None = None,
   claimed: Sequence[str] = (),
 ) -> Location:
   """Say where the mismatch is.
@@ -76,7 +73,6 @@ def locate(
     model: the model behind the claims; the base if nothing is claimed.
     unknown_gains: held-out gain of every UNKNOWN rival over the base, nats, by name ("unknown_force_x").
     unknown: the best UNKNOWN rival where the verdict rests on it (nothing claimed, yet a mismatch).
-    prediction: the recalibrated twin's signals, one vector; simulated when absent.
     claimed: all claimed mechanisms; those that are part of every model (IMU biases) are located by
       what leaving them out would cost when nothing else is claimed.
   """
@@ -88,15 +84,14 @@ def locate(
   else:
     source = "claim" if model.mechanisms else ("unknown" if unknown is not None else "residual")
     evidence = value_evidence(pool, model if model.mechanisms else unknown)
-  prediction = prediction or pool.problem.exact.predict(base.theta[None])
   problem = pool.problem
+  prediction = problem.exact.predict(base.theta[None])
   law = torque_law(problem.twin.vehicle, dict(zip(problem.parameters.names, base.theta, strict=True)))
   around = circumstances(observations, prediction, *law)
   return Location(
     source=source,
     subsystem=_subsystem(pool, model, unknown, nuisances),
     channels=evidence_shares(evidence, observations),
-    degree=next(iter(gains), "").removeprefix("unknown_"),
     degrees={name.removeprefix("unknown_"): gain for name, gain in gains.items()},
     time=evidence_spans(evidence, observations),
     region=region_of(evidence, observations, around, pool.problem.twin.vehicle.motor.unit),
@@ -131,9 +126,7 @@ def evidence_shares(evidence: Array, observations: Observations) -> dict[str, fl
   return {name: value / total for name, value in sorted(sums.items(), key=lambda kv: -kv[1])}
 
 
-def evidence_spans(
-  evidence: Array, observations: Observations, carries: float = _CARRIES, most: int = _MOST_SPANS
-) -> tuple[Span, ...]:
+def evidence_spans(evidence: Array, observations: Observations, carries: float = _CARRIES) -> tuple[Span, ...]:
   """The fewest blocks that together carry a share of the evidence, neighbours merged, largest first.
 
   Shares are of the sum over all blocks that speak for the mismatch.
@@ -154,7 +147,7 @@ def evidence_spans(
       merged[-1] = Span(span.recording, merged[-1].start, span.end, merged[-1].share + span.share)
     else:
       merged.append(span)
-  return tuple(sorted(merged, key=lambda s: -s.share)[:most])
+  return tuple(sorted(merged, key=lambda s: -s.share)[:_MOST_SPANS])
 
 
 def region_of(evidence: Array, observations: Observations, around: Circumstances, drive_unit: str = "V") -> Region:

@@ -1,19 +1,21 @@
 """The diagnosis from end to end: a data set in, a verdict, a repaired twin and a report out."""
 
 import dataclasses
+import functools
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
+from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.conclude import above_level, conclude, judged
 from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence
-from calibration.diagnosis.decision.levels import Levels, usual_levels
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.experiment import next_experiment
-from calibration.diagnosis.formula.after import formula_left, left_unexplained
+from calibration.diagnosis.formula.after import formula_left
 from calibration.diagnosis.formula.looking import STAGE
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
@@ -21,7 +23,7 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search.gather import best_unknown, errors_left, gather, what_is_left, with_errors
+from calibration.diagnosis.search.gather import errors_left, gather, what_is_left, with_errors
 from calibration.diagnosis.search.structure import Effort, search
 from calibration.diagnosis.staged import NOWHERE, Staged
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
@@ -89,7 +91,6 @@ def diagnose(
   candidates: Sequence[str] | None = None,
   start: Start | None = None,
   effort: Effort = Effort(),
-  levels: Levels | None = None,
   substeps: int = SUBSTEPS,
   threads: int = 0,
   progress: Progress = silent,
@@ -105,7 +106,6 @@ def diagnose(
     candidates: ids of the only mechanisms that may be named; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
-    levels: what decides; those of decision/levels.toml by default.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: reports the stage and how much of it is done.
@@ -123,26 +123,27 @@ def diagnose(
   noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
-  diagnosis = _judged(begun, twin, pool, cut, levels or usual_levels(), clock, staged, effort.formula)
+  diagnosis = _judged(begun, twin, pool, cut, clock, staged, effort.formula)
   return Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
 
 
 def _judged(
-  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, levels: Levels, clock: "_Clock", staged: Staged, formulas: bool
+  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, clock: "_Clock", staged: Staged, formulas: bool
 ) -> Diagnosis:
   """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened at the end."""
   clock.start("decision")
   dataset, evidence = begun.dataset, gather(pool, begun.dataset.name)
-  named = decide(evidence, levels)
+  named = decide(evidence)
   staged.weighed(evidence, named)
-  validate, judging = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
-  decision, unknowns, evidence = _concluded(named, pool, evidence, validate, levels)
+  errors = functools.cache(lambda mechanisms, role: _before_and_after(twin, pool, mechanisms, dataset.role(role), cut))
+  validate, judging = errors(named.mechanisms, "validate")
+  decision, unknowns, evidence = _concluded(named, pool, evidence, lambda model: errors(model, "validate")[0])
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
-  holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
+  holdout, unseen = errors(decision.mechanisms, "holdout")
   formula = None
-  if formulas and left_unexplained(decision):
+  if formulas and decision.nameless:
     clock.start(STAGE)
     formula = formula_left(pool, decision, dataset.role("holdout"), cut, clock.progress)
   return Diagnosis(
@@ -162,7 +163,10 @@ def _judged(
   )
 
 
-def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
+Unknowns = Mapping[str, tuple[Candidate, Comparison]]  # fitted, with what each gains over the recalibrated twin
+
+
+def fit_unknowns(pool: Pool) -> Unknowns:
   """The UNKNOWN rivals, fitted with the pool's weights: forces, which are simulated, and errors of the sensors."""
   near = pool.problem.at(pool.base.theta)
   made = [candidate(near, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
@@ -173,7 +177,8 @@ def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
   observations = pool.problem.observations
   prediction = pool.problem.exact.predict(pool.base.theta[None])
   whitening = pool.problem.whiten(np.ones(len(observations)))
-  return {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
+  fitted = {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
+  return {name: (model, compare_freely(model, pool.base, observations)) for name, model in fitted.items()}
 
 
 def _searched(
@@ -188,7 +193,7 @@ def _searched(
   earlier: list[Candidate] = []
   while True:
     base = base_candidate(baseline)
-    staged.base(exact(baseline.problem.twin), base.theta)
+    staged.base(exact(baseline.problem.twin), base.theta, baseline.command_shift)
     clock.start("scan")
     signatures = scan(baseline.problem, base, tried, progress=clock.progress, noise=noise)
     staged.scanned(signatures)
@@ -202,29 +207,32 @@ def _searched(
 
 
 def _concluded(
-  named: Decision, pool: Pool, evidence: Evidence, validate: Mapping[str, ChannelFit], levels: Levels
-) -> tuple[Decision, dict[str, Candidate], Evidence]:
-  """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left."""
-  before, after = errors_left(validate, pool)
-  evidence = evidence.with_left((), [*what_is_left(pool, ()), *before])
+  named: Decision, pool: Pool, evidence: Evidence, judging: Callable[[tuple[str, ...]], Mapping[str, ChannelFit]]
+) -> tuple[Decision, Unknowns, Evidence]:
+  """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left.
+
+  `judging`: errors of the recalibrated twin and of one with some mechanisms on recordings that only judge.
+  """
+  levels = usual_levels()
+  evidence = evidence.with_left((), [*what_is_left(pool, ()), *errors_left(judging(named.mechanisms), pool)[0]])
   model = judged(named, evidence, levels)
   if model:
-    evidence = evidence.with_left(model, [*what_is_left(pool, model), *after])
+    evidence = evidence.with_left(model, [*what_is_left(pool, model), *errors_left(judging(model), pool)[1]])
   unknowns = fit_unknowns(pool) if above_level(evidence.left(model) or (), levels) else {}
-  return conclude(named, evidence, levels, best_unknown(pool, unknowns)), unknowns, evidence
+  best = max(((name, test) for name, (_, test) in unknowns.items()), key=lambda found: found[1].gain, default=None)
+  return conclude(named, evidence, levels, best), unknowns, evidence
 
 
-def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:
-  gains = {name: compare_freely(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
-  rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
-  rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
+def _located(pool: Pool, decision: Decision, unknowns: Unknowns) -> Location:
+  gains = {name: test.gain for name, (_, test) in unknowns.items()}
+  rival = unknowns[decision.unknown[0]][0] if decision.verdict == "unexplained" and decision.unknown else None
   return locate(pool, pool.model(decision.mechanisms), gains, rival, claimed=[c.mechanism for c in decision.claims])
 
 
 def _before_and_after(
-  twin: Twin, pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut
+  twin: Twin, pool: Pool, mechanisms: Sequence[str], recordings: Sequence[Recording], cut: Cut
 ) -> tuple[dict[str, ChannelFit], Replay | None]:
-  model, key = pool.model(decision.mechanisms), frozenset(decision.mechanisms)
+  model, key = pool.model(mechanisms), frozenset(mechanisms)
   without = {name: pool.models[key - {name}].theta for name in model.mechanisms if key - {name} in pool.models}
   return compare_twins(twin, pool.base.theta, model.theta, recordings, pool.floor, cut, without=without)
 

@@ -54,10 +54,6 @@ class Region:
     """E.g. "speed > 1.2 and abs(accel_y) > 3"; "everywhere" without conditions."""
     return " and ".join(map(str, self.conditions)) or "everywhere"
 
-  def __str__(self) -> str:
-    parts = [f"{c} {self.units.get(c.feature, '')}".rstrip() for c in self.conditions]
-    return " and ".join(parts) or "everywhere"
-
 
 def find_region(
   features: Array, names: Sequence[str], units: Mapping[str, str], evidence: Array, block: NDArray[np.int64]

@@ -43,7 +43,6 @@ class Signature:
       where a channel was not measured without which it cannot be told apart.
     unabsorbed_share: share of that signature that recalibration cannot absorb, 0 to 1.
     direction: projected signature of the best trial on the fitted values, (K,), float32.
-    trials: gain per trial: (values, nats).
     unprofiled: gain of the best trial if nothing is projected out, nats: what a plain ranking would go by.
     tried, imitated: values of the best trial as it was scanned, whose `direction` it is, and how the base parameters
       would move to imitate it, by name.
@@ -56,7 +55,6 @@ class Signature:
   shown: float
   unabsorbed_share: float
   direction: NDArray[np.float32]
-  trials: tuple[tuple[dict[str, float], float], ...]
   unprofiled: float
   tried: dict[str, float] = dataclasses.field(default_factory=dict)
   imitated: dict[str, float] = dataclasses.field(default_factory=dict)
@@ -147,9 +145,8 @@ def scan(
       what is `shown` is counted as it would be without that error: an effect must not hide by the misfit it makes.
   """
   clear = problem.clear(noise) if noise else 1.0
-  projectors = {
-    m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
-  }
+  freed = {m.name: {p.name for p in m.parameters} & set(base.free.names) for m in mechanisms}  # don't imitate it
+  projectors = {name: Projector(base, own) for name, own in freed.items() if own}
   common = Projector(base)
   stands = problem.parameters.named(base.theta)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _tried(m, sizes), problem.driving, stands)]
@@ -158,8 +155,7 @@ def scan(
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
-    thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
-    change = problem.fitted_residual(thetas) - residual
+    change = problem.fitted_residual(varied(problem, base.theta, [start for _, start in part])) - residual
     for (mechanism, start), whole in zip(part, change, strict=True):
       project = projectors.get(mechanism.name, common)
       rest, answer = project(whole[None])[0], project.answer(whole[None])[0]
@@ -182,11 +178,6 @@ def measured(problem: Problem, mechanism: Mechanism) -> bool:
   """Whether all channels were measured that a mechanism declares to need."""
   present = set(problem.observations.present)
   return all(_SHOWN_BY.get(channel, {channel}) & present for channel in mechanism.needs)
-
-
-def _projector(base: Candidate, mechanism: Mechanism) -> Projector:
-  """For a mechanism that frees base parameters: those don't imitate it."""
-  return Projector(base, {p.name for p in mechanism.parameters})
 
 
 def _tried(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:
@@ -243,11 +234,12 @@ def confusion(signatures: dict[str, Signature]) -> dict[str, dict[str, float]]:
   }
 
 
-def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
-  out = theta.copy()
-  for name, value in values.items():
-    out[problem.parameters.index(name)] = value
-  return out
+def varied(problem: Problem, theta: Array, starts: Sequence[Mapping[str, float]]) -> Array:
+  """Full parameters, (n, P): those of theta, (P,), with some values changed in each row."""
+  rows = np.tile(theta, (len(starts), 1))
+  for row, start in zip(rows, starts, strict=True):
+    row[[problem.parameters.index(name) for name in start]] = list(start.values())
+  return rows
 
 
 def _signature(
@@ -259,17 +251,15 @@ def _signature(
 ) -> Signature:
   factors, gains = zip(*(_scaled(mechanism, trial, *left) for trial in trials), strict=True)
   top = int(np.argmax(gains))
-  values = [_resized(mechanism, t.start, f, stands) for t, f in zip(trials, factors, strict=True)]
   most = max(trials, key=lambda t: t.shown)
   return Signature(
     mechanism=mechanism.name,
-    start=values[top],
+    start=resized(mechanism, trials[top].start, factors[top], stands),
     answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
     shown=most.shown,
     unabsorbed_share=most.unabsorbed,
     direction=trials[top].rest,
-    trials=tuple(zip(values, gains, strict=True)),
     unprofiled=max(t.unprofiled for t in trials),
     tried=trials[top].start,
     imitated=dict(zip(base, trials[top].answer.tolist(), strict=True)),
@@ -285,16 +275,22 @@ def _scaled(mechanism: Mechanism, trial: Trial, residual: Array, deviations: Arr
   pull = float(residual @ trial.rest) + float(deviations @ trial.strain)
   lowest = -2.0 if mechanism.signed else 0.0
   best = float(np.clip(-pull / power, lowest, 2.0)) if power > 0 else 0.0
-  # a refit that starts at nothing has no slope to follow: keep a tenth of the trial at least
-  return (best if abs(best) > 0.1 else 0.1), -best * pull - 0.5 * best**2 * power
+  return worth_starting(best), -best * pull - 0.5 * best**2 * power
 
 
-def _resized(
-  mechanism: Mechanism, start: dict[str, float], factor: float, stands: Mapping[str, float]
+def worth_starting(factor: float) -> float:
+  """A factor on a trial's size, a tenth at least: a refit that starts at nothing has no slope to follow."""
+  return factor if abs(factor) > 0.1 else 0.1
+
+
+def resized(
+  mechanism: Mechanism, start: Mapping[str, float], factor: float, stands: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-  """A trial's values at a multiple of its change: from where the model `stands`, which may have some of it already."""
+  """Values with the amplitudes so many times as far from their null, or from where a model `stands` that tolerates some
+  of them, within their bounds."""
   values = dict(start)
   for p in mechanism.parameters:
     if p.null is not None and p.name in start:
-      values[p.name] = float(np.clip(stands[p.name] + factor * (start[p.name] - stands[p.name]), p.lower, p.upper))
+      near = (stands or {}).get(p.name, p.null)
+      values[p.name] = float(np.clip(near + factor * (start[p.name] - near), p.lower, p.upper))
   return values

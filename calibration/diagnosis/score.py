@@ -116,18 +116,6 @@ def from_blocks(gains: Array, before: float) -> Comparison:
   return Comparison(float(capped.sum()), t, share, tuple(gains.tolist()), before)
 
 
-def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
-  """Log profile likelihood ratio with unknown channel variances, nats: sum_c n_c / 2 log(S0_c / S1_c), plus priors."""
-  total = prior_part(smaller) - prior_part(larger)
-  channel = observations.channel[: larger.n_train]
-  for index in np.unique(channel):
-    rows = np.flatnonzero(channel == index)
-    before = float(np.sum(smaller.residual[rows] ** 2))
-    after = float(np.sum(larger.residual[rows] ** 2))
-    total += 0.5 * before * np.log(before / after) if before > 0 and after > 0 else 0.0
-  return total
-
-
 def prior_part(model: Candidate) -> float:
   """Half the sum of squares of the priors, nats."""
   return prior_cost(model.values, model.free)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.veto import falls_short, surely_worse
-from calibration.diagnosis.holdout_errors import ChannelFit, channel_fit, held_out_error, ratio
+from calibration.diagnosis.holdout_errors import ChannelFit, change, channel_fit, held_out_error
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.noise_floor import driving_noise, residual_floor
@@ -49,7 +49,7 @@ class Written:
 def worse_on(diagnosis: Diagnosis) -> tuple[str, ...]:
   """Kinds of recordings on which the repaired twin errs more than the recalibrated one, all channels together."""
   fits = {name: getattr(diagnosis, role) for role, name in JUDGING.items()}
-  return tuple(name for name, kept in fits.items() if _ratio(kept) > 1.0)
+  return tuple(name for name, kept in fits.items() if change(kept) > 1.0)
 
 
 def objections(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -137,7 +137,7 @@ class Judged:
     second twin where it loses more than all gain on average: the lower bound of r_c (95 %, by blocks of driving) is
     above 1 / r. Where r is above 1, every channel with r_c above 1 does.
     """
-    mean = _ratio(self.fits)
+    mean = change(self.fits)
     if mean > 1.0:
       return tuple(name for name, fit in self.fits.items() if fit.after > fit.before)
     return tuple(name for name, fit in self.fits.items() if 1.0 + fit.ci95[0] > 1.0 / mean)
@@ -159,7 +159,3 @@ def _driven(written: Written, recordings: Sequence[Recording]) -> tuple[Observat
   observations = observe(recordings, written.twin.vehicle, cut)
   prediction = written.twin.rollout(written.theta[None], observations.stretches.segments)
   return observations, observations.predict(prediction)[0] - observations.measured
-
-
-def _ratio(fits: Mapping[str, ChannelFit]) -> float:
-  return ratio({name: fit.after for name, fit in fits.items()}, {name: fit.before for name, fit in fits.items()})

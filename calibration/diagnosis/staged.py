@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.decision.decide import Decision
+from calibration.diagnosis.decision.evidence import FILE as EVIDENCE
 from calibration.diagnosis.decision.evidence import Evidence, write_evidence
 from calibration.diagnosis.scan import Signature
 from qcar_twin.atomic_io import write_json
@@ -33,10 +34,13 @@ class Staged:
 
   out: Path | None = None
 
-  def base(self, twin: Twin, theta: NDArray[np.float64]) -> None:
-    """The recalibrated twin stands."""
+  def base(self, twin: Twin, theta: NDArray[np.float64], command_shift: int) -> None:
+    """The recalibrated twin stands; `command_shift`: control periods by which its commands act later than logged."""
     if self.out:
-      save_twin(self.out / FOLDER / "recalibrated.toml", twin, theta, "recalibrated; the search is not over")
+      for file in (RANKING, EVIDENCE):  # of another twin: of a run that was stopped, or of a search that began again
+        (self.out / FOLDER / file).unlink(missing_ok=True)
+      note = "recalibrated; the search is not over"
+      save_twin(self.out / FOLDER / "recalibrated.toml", twin, theta, note, command_shift)
 
   def scanned(self, signatures: Mapping[str, Signature]) -> None:
     """Every mechanism was switched on once."""

@@ -97,7 +97,8 @@ def loose_findings(comparisons: Sequence[Comparison], recordings: Sequence[Recor
     if not witnesses or any(c.motion.kinematic for c in witnesses):
       continue
     heard = [
-      f"{c.motion.compared[0]} shows {c.felt.value:.2f} ± {c.felt.std:.2f} of {c.motion.name}" for c in witnesses
+      f"{c.motion.compared[0]} shows {c.felt.value:.2f} of {c.motion.name}, ± {c.felt.std:.1g} by its noise alone"
+      for c in witnesses
     ]
     said = (
       f"the scale of {name} {UNJUDGED} to better than a factor of {KNOTS:g}: of what was logged only accelerometers"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.curves import after_diagnosis
-from calibration.diagnosis.curves.after_diagnosis import wanted, write_with_curves
+from calibration.diagnosis.curves.after_diagnosis import judged_with_curves, wanted, write_with_curves
 from calibration.diagnosis.curves.driven import error_of
 from calibration.diagnosis.curves.report.page import sections
 from calibration.diagnosis.curves.report.shapes import shapes
@@ -27,6 +27,7 @@ from qcar_twin.pages.page import show
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin
 from scripts import curves
+from tests.calibration.diagnosis.diagnosis_results import decision_of
 from tests.scripts.tiny_session import write
 
 pytestmark = pytest.mark.slow
@@ -67,6 +68,14 @@ def test_what_is_shipped_is_fitted_to_what_judged_too(done):
     assert ratio(error_of(twin, judging), study.judged[kind]) < 1.0
 
 
+def test_validation_errors_beside_a_diagnosis_are_of_a_twin_that_had_not_seen_them(done, outcome):
+  """As those of the diagnosed twin are: the twin that is written was fitted to these recordings since."""
+  study, (dataset, diagnosed) = done[0], outcome
+  roles, _ = judged_with_curves(study, diagnosed, ready(dataset)[0])
+  said = {name: fit.after for name, fit in roles["validate"].fits.items()}
+  assert ratio(said, study.judged[study.best]) == pytest.approx(1.0, abs=0.005)
+
+
 def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
   study, _ = done
   there = {o.curve: o for o in study.outlines if o.is_there}
@@ -82,12 +91,12 @@ def test_what_is_written_is_whole(done):
   document = json.loads((out / "curves.json").read_text())
   assert [c["curve"] for c in document["curves"]] == [o.curve for o in study.outlines]
   twin, theta = load_twin(out / "twin.toml")
-  shipped, kept = study.shipped
+  kept = study.shipped
   twins = {"curves": study.found, "characterised": study.told, "named": study.named}
   judged = {kind: ratio(study.judged[kind], study.judged["base"]) for kind in ("base", *twins)}
   assert document["best"] == study.best == min(judged, key=judged.__getitem__)
-  assert shipped.engine == "mujoco" and shipped.parameters.names == twins[study.best].twin.parameters.names
-  values, expected = twin.parameters.named(theta), shipped.parameters.named(kept)
+  assert kept.twin.engine == "mujoco" and kept.twin.parameters.names == twins[study.best].twin.parameters.names
+  values, expected = twin.parameters.named(theta), kept.twin.parameters.named(kept.theta)
   for name in twin.parameters.names:
     assert values[name] == pytest.approx(expected[name])
 
@@ -158,7 +167,7 @@ def test_sessions_stand_in_a_table_with_their_trims_in_degrees(done):
 
 @pytest.mark.parametrize("name", ["no_mismatch", "explained", "partly_explained", "unexplained"])
 def test_curves_are_fitted_where_something_has_no_name_or_when_told(name):
-  diagnosis = SimpleNamespace(decision=SimpleNamespace(verdict=name))
+  diagnosis = SimpleNamespace(decision=decision_of(name, ()))
   assert wanted("auto", diagnosis) is (name in ("partly_explained", "unexplained"))
   assert wanted("always", diagnosis) and not wanted("never", diagnosis)
 
@@ -221,9 +230,12 @@ def test_a_study_that_fails_leaves_the_diagnosis(outcome, tmp_path, monkeypatch)
 def test_without_curves_something_nameless_is_pointed_out(outcome, tmp_path, monkeypatch):
   dataset, diagnosed = outcome
   monkeypatch.setattr(after_diagnosis, "study", lambda *given: pytest.fail("no curves were wanted"))
+  for file in ("diagnosed.toml", "characterised.toml"):  # of an earlier run into the same folder
+    (tmp_path / file).touch()
   for name, said in (("unexplained", 1), ("no_mismatch", 0)):
     decision = dataclasses.replace(diagnosed.diagnosis.decision, verdict=name)
     changed = dataclasses.replace(diagnosed, diagnosis=dataclasses.replace(diagnosed.diagnosis, decision=decision))
     lines = write_with_curves(changed, dataset, tmp_path, "never")[1]
     assert lines[0].startswith("errors on held-out recordings: recalibrated")
     assert sum("try --curves auto" in line for line in lines) == said
+  assert not {"diagnosed.toml", "characterised.toml"} & {file.name for file in tmp_path.iterdir()}

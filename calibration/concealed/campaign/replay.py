@@ -1,6 +1,7 @@
 """Kept evidence decided again: what a rule names on the cases of a campaign or an exam, without driving any of them."""
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,9 +11,10 @@ from calibration.concealed.campaign.archive import answers_of
 from calibration.diagnosis.decision.conclude import conclude
 from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence, from_json
-from calibration.diagnosis.decision.levels import Levels
+from calibration.diagnosis.decision.levels import Levels, usual_levels
 from qcar_twin import markdown
 
+_GATHERED = ("cap", "wide", "least_spread")  # of the levels, what evidence is gathered with
 FIGURES = {"steering_lag": ("servo_time_constant",), "payload": ("mass",)}
 """Effects of the own cars that are a figure which is not what was measured; its departure is a right answer, too."""
 
@@ -76,7 +78,17 @@ def replayed(case: Kept, levels: Levels) -> Decision:
 
 
 def table(cases: Sequence[Kept], rules: Mapping[str, Levels]) -> str:
-  """How often each rule is right, and every case on which they differ, as Markdown."""
+  """How often each rule is right, and every case on which they differ, as Markdown.
+
+  Raises:
+    ValueError: a rule has another of the numbers that evidence was gathered with.
+  """
+  for (rule, levels), name in itertools.product(rules.items(), _GATHERED):
+    if (asked := getattr(levels, name)) != (kept := getattr(usual_levels(), name)):
+      raise ValueError(
+        f"rule '{rule}' has {name} = {asked:g}, but kept evidence was gathered with {kept:g}, which no rule changes; "
+        f"give it {name} = {kept:g}, or change levels.toml and diagnose the cases again"
+      )
   said = {rule: [replayed(case, levels) for case in cases] for rule, levels in rules.items()}
   rows = []
   for what, kind, good in COUNTED:

@@ -14,12 +14,11 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report.demonstration import demonstrate
 from calibration.diagnosis.report.errors import error_lines, repaired
 from calibration.diagnosis.report.further import Further
-from calibration.diagnosis.report.page import something_nameless, write_diagnosis
+from calibration.diagnosis.report.page import write_diagnosis
 from calibration.diagnosis.report.wording import listed
 from calibration.diagnosis.shipping import (
   JUDGING,
   Judged,
-  Written,
   judge,
   kind,
   recalibrated,
@@ -38,6 +37,7 @@ from qcar_twin.twin.file import save_twin
 
 Fits = Mapping[str, ChannelFit]
 When = Literal["auto", "never", "always"]
+_DIAGNOSED, _CURVED = "diagnosed.toml", "characterised.toml"  # the two twins that are compared
 _ADVICE = (
   "something is left that no name explains: the maps themselves may differ from the twin's laws; try --curves auto"
 )
@@ -45,7 +45,7 @@ _ADVICE = (
 
 def wanted(when: When, diagnosis: Diagnosis) -> bool:
   """Whether curves are fitted: "auto" where something is left that no name explains."""
-  return when == "always" or (when == "auto" and something_nameless(diagnosis))
+  return when == "always" or (when == "auto" and diagnosis.decision.nameless)
 
 
 def write_with_curves(
@@ -80,9 +80,11 @@ def write_with_curves(
   progress("film and report")
   shown = demonstrate(outcome)
   page = write_diagnosis(outcome, folder, shown)
+  for file in (_DIAGNOSED, _CURVED):  # of an earlier run
+    (folder / file).unlink(missing_ok=True)
   Staged(folder).end()
   if not wanted(when, outcome.diagnosis):
-    lines = [warning(outcome.diagnosis), _ADVICE if something_nameless(outcome.diagnosis) else ""]
+    lines = [warning(outcome.diagnosis), _ADVICE if outcome.diagnosis.decision.nameless else ""]
     return page, [*error_lines(outcome.diagnosis), *(line for line in lines if line)]
   try:
     found = study(dataset, most, threads, lambda stage, share=None: progress(f"free curves: {stage}", share), plant)
@@ -95,8 +97,9 @@ def write_with_curves(
   page = write_diagnosis(outcome, folder, shown, further)
   how = "repaired" if repaired(outcome.diagnosis) else "recalibrated"
   note, shift = f"{how} on {found.dataset}, without curves", outcome.cut.command_shift
-  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, note, shift)
-  save_twin(folder / "characterised.toml", *found.shipped, _note(found), found.shipped_shift)
+  save_twin(folder / _DIAGNOSED, outcome.twin, outcome.after, note, shift)
+  curved = found.shipped
+  save_twin(folder / _CURVED, curved.twin, curved.theta, curved.note, curved.command_shift)
   table = error_lines(outcome.diagnosis, further.errors)
   return page, [*sentences(found, holdout=False), *table, chosen(found, outcome.diagnosis, against)]
 
@@ -104,14 +107,15 @@ def write_with_curves(
 def judged_with_curves(found: Study, outcome: Outcome, dataset: DataSet) -> tuple[dict[str, Judged], tuple[str, ...]]:
   """The twin with curves as it would be written against the recalibrated one, by role; what speaks against it.
 
+  On recordings that judged it stands as it was before it was fitted to them.
   Against it speak what would against a repair (`shipping.objections`), and channels that lose more against the twin
   that is written without it than all gain (`Judged.losing`).
   """
-  curved = Written(*found.shipped, _note(found), found.shipped_shift)
+  curved = {"validate": found.unseen, "holdout": found.shipped}
   base, without = recalibrated(outcome), shipped(outcome)
-  roles = {role: judge(base, curved, dataset.role(role)) for role in JUDGING}
+  roles = {role: judge(base, curved[role], dataset.role(role)) for role in JUDGING}
   against = [clause for role, judged in roles.items() for clause in (*worse_clauses(role, judged.fits), *judged.slow)]
-  losing = dict.fromkeys(c for role in JUDGING for c in judge(without, curved, dataset.role(role)).losing)
+  losing = dict.fromkeys(c for role in JUDGING for c in judge(without, curved[role], dataset.role(role)).losing)
   if losing:
     against.append(f"the errors of {listed([RESIDUALS[channel].words for channel in losing])} grow")
   return roles, tuple(dict.fromkeys(against))
@@ -137,7 +141,7 @@ def with_curves(
     [("twin.toml is", f"the {'twin with curves' if curved else _without(diagnosis)}")],
     parts,
     found.document(),
-    Written(*found.shipped, _note(found), found.shipped_shift) if curved else None,
+    found.shipped if curved else None,
     errors or {},
   )
 
@@ -190,7 +194,3 @@ def _on_validation(found: Study, diagnosis: Diagnosis) -> float:
   key = "before" if kind(diagnosis) == "recalibrated" else "after"
   without: Mapping[str, float] = {name: getattr(fit, key) for name, fit in diagnosis.validate.items()}
   return ratio(found.judged.get(found.best, {}), without)
-
-
-def _note(found: Study) -> str:
-  return f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"

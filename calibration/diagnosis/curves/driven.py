@@ -33,7 +33,7 @@ def driven(
   return observations, prediction, observations.predict(prediction)[0] - observations.measured
 
 
-def error_of(found: RecalibratedTwin, recordings: Sequence[Recording], theta: Array | None = None) -> dict[str, float]:
+def error_of(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:
   """Root mean square error of a fitted twin per channel, in its unit."""
-  observations, _, left = driven(found, recordings, theta)
+  observations, _, left = driven(found, recordings)
   return rms(observations, left)

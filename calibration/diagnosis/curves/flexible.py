@@ -22,7 +22,6 @@ from calibration.log_check.pairs import clock, told_without_a_model
 from calibration.progress import Progress, silent
 from qcar_twin.kinematics import road_speed
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.plant import SUBSTEPS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
@@ -139,7 +138,6 @@ def characterise(
   dataset: DataSet,
   known: Sequence[str] | None = None,
   most: float = LONGEST,
-  substeps: int = SUBSTEPS,
   threads: int = 0,
   progress: Progress = silent,
   plant: EngineKind = "reduced",
@@ -152,7 +150,6 @@ def characterise(
     known: ids of the mechanisms that are there: they are fitted instead of curves and of what stands beside them, which
       is what somebody could do who knew the car.
     most: s of driving that are simulated, spread evenly.
-    substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: reports the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long.
@@ -168,7 +165,7 @@ def characterise(
   names = tuple(dict.fromkeys((*shapes, *beside, *trim)))
   shifts = session_shifts(dataset, vehicle) if "steering_offset" in names else ONE_SESSION
   carried = select(dict.fromkeys([*names, *always_fitted(vehicle.drive)]))
-  twin = Twin(vehicle, carried, substeps=substeps, threads=threads, sessions=shifts)
+  twin = Twin(vehicle, carried, threads=threads, sessions=shifts)
   searched = fitted_on(twin, plant)
   priors = flexible_priors(recordings, searched, names, reach or reaches(recordings, vehicle))
   lead = command_lead(recordings)

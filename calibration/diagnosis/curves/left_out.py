@@ -89,7 +89,7 @@ def _judged(found: Characterised, session: str, recordings: Sequence[Recording])
   for fitted, judged in (halves, halves[::-1]):
     other, _, left = driven(found.fitted, judged, _with_own_shifts(found, fitted))
     for name, value in rms(other, left).items():
-      squares.setdefault(name, []).append((value, len(other.select(name))))
+      squares.setdefault(name, []).append((value, int(np.sum(other.select(name)))))
   own = {n: float(np.sqrt(np.average([v**2 for v, _ in x], weights=[k for _, k in x]))) for n, x in squares.items()}
   return LeftOut(session, len(recordings), mean, own, units)
 

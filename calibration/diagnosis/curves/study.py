@@ -22,6 +22,7 @@ from calibration.diagnosis.curves.naming.substitution import named_again, named_
 from calibration.diagnosis.curves.naming.terms import Term, terms
 from calibration.diagnosis.curves.naming.youngest import by_the_youngest
 from calibration.diagnosis.holdout_errors import ratio
+from calibration.diagnosis.shipping import Written
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
@@ -56,7 +57,7 @@ class Study:
     terms: every number in it beside the base's own.
     named: the same with the best form where none will do; `told` itself where there is no such curve.
     judged: as `errors`, of the twins on recordings that only judged (role "validate"), before they were fitted to
-      those, too (`finish`); {} without such recordings.
+      those, too (`finish`); {} without such recordings. `as_judged`: those twins, by kind.
     errors: by KINDS, then channel: root mean square errors on the hold-out, in `units`; "noise" is the sensors' while
       driving.
   """
@@ -73,6 +74,7 @@ class Study:
   units: Mapping[str, str]
   base: RecalibratedTwin
   judged: Mapping[str, Mapping[str, float]]
+  as_judged: Mapping[str, RecalibratedTwin | Characterised]
 
   @property
   def gain(self) -> float:
@@ -91,20 +93,25 @@ class Study:
     return min(_SHIPPED, key=lambda kind: ratio(self.judged[kind], self.judged["base"]))
 
   @property
-  def shipped(self) -> tuple[Twin, Array]:
+  def shipped(self) -> Written:
     """The twin to go on with: the best."""
-    if self.best == "base":
-      return self.base.problem.exact.twin.on("mujoco"), self.base.theta
-    chosen = {"curves": self.found, "characterised": self.told, "named": self.named}[self.best]
-    return chosen.twin, chosen.unshifted
+    return self._written({"base": self.base, "curves": self.found, "characterised": self.told, "named": self.named})
 
   @property
-  def shipped_shift(self) -> int:
-    """Control periods by which commands act later than logged for `shipped`: a lead is taken off its delays."""
-    chosen = {"curves": self.found, "characterised": self.told, "named": self.named}.get(self.best)
-    if chosen is None:
-      return self.base.command_shift
-    return max(chosen.fitted.command_shift, 0) if set(DELAYS) & set(chosen.beside) else chosen.fitted.command_shift
+  def unseen(self) -> Written:
+    """The best as it was before it was fitted to what judged: its errors there are those of a twin that judges."""
+    return self._written(self.as_judged)
+
+  def _written(self, twins: Mapping[str, RecalibratedTwin | Characterised]) -> Written:
+    """The best of some twins as a file holds it: a lead of its commands is taken off its delays."""
+    best, note = twins[self.best], f"characterised on {self.dataset}: curves of no known form"
+    if isinstance(best, RecalibratedTwin):
+      return Written(
+        best.problem.exact.twin.on("mujoco"), best.theta, f"recalibrated on {self.dataset}", best.command_shift
+      )
+    shift = best.fitted.command_shift
+    counted = max(shift, 0) if set(DELAYS) & set(best.beside) else shift
+    return Written(best.twin, best.unshifted, f"{note}; sessions' own trims are left out", counted)
 
   def document(self) -> dict[str, Any]:
     """Everything a program may want of it, as plain values."""
@@ -179,7 +186,7 @@ def study(
   told = trials.settled()
   named = named_only(trials, drawn).settled() if trials.curves else told
   twins = {"curves": found, "characterised": told, "named": named}
-  judged = _judged(base, twins, dataset.role("validate"))
+  judged, as_judged = _judged(base, twins, dataset.role("validate")), {"base": base, **twins}
   progress("fitting to what judged, too")
   base, found, named = fitted_to_all(base), finished(found), finished(named)
   told = finished(told) if trials.curves else named
@@ -189,8 +196,9 @@ def study(
   wide = said(trials.problem, told.forms, told.fitted.fit.parameters)
   notes, drawn = dataset.notices + notes + wide, redrawn(drawn, found)
   return Study(
-    dataset.name, notes, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged
-  )
+    dataset.name, notes, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged,
+    as_judged,
+  )  # fmt: skip
 
 
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:

@@ -20,12 +20,12 @@ class Claim:
     mechanism: id.
     probability: that the name is right, 0 to 1.
     shared: that it or one of `indistinguishable_from` is.
-    evidence_nats: log profile likelihood ratio over the model without it.
+    evidence_nats: by which the model fits better than the one without it, priors included.
     held_out: the same comparison on recordings left out.
     parameters: value, std and unit of each of its parameters.
     alternatives: what fitted in its place, with its nats, best first.
     indistinguishable_from: alternatives that fit as well.
-    certain: False if what is left over throws doubt on the name.
+    certain: False if what is left over throws doubt on the name, and has lowered both probabilities.
   """
 
   mechanism: str
@@ -52,7 +52,7 @@ def claim(name: Named, model: Model, evidence: Evidence, levels: Levels) -> Clai
     mechanism=name.name,
     probability=min(probability(name, levels), part(name, levels) * shared),
     shared=shared,
-    evidence_nats=name.profile,
+    evidence_nats=name.held_out.drop,
     held_out=name.held_out,
     parameters=_estimates(name, levels),
     alternatives=tuple((a.name, a.nats) for a in name.best_first),
@@ -76,8 +76,8 @@ def sensor_claims(model: Model, evidence: Evidence, levels: Levels) -> list[Clai
       continue
     likely = levels.probability(name.t, name.held_out.drop)
     if likely >= levels.claim and counts(name, model, evidence, levels):
-      estimates = _estimates(name, levels)
-      claims.append(Claim(name.name, likely, likely, name.profile, name.held_out, estimates, (), (), True))
+      test, estimates = name.held_out, _estimates(name, levels)
+      claims.append(Claim(name.name, likely, likely, test.drop, test, estimates, (), (), True))
   return claims
 
 

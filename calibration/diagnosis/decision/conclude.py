@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from scipy.stats import gamma
 from scipy.stats import t as student
 
+from calibration.diagnosis.decision.claims import Claim
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.decision.evidence import Evidence
@@ -77,8 +78,14 @@ def conclude(
   claims, verdict = decision.claims, decision.verdict
   if remains:
     verdict = "partly_explained" if claims else "unexplained"
-    claims = tuple(dataclasses.replace(c, probability=levels.doubt * c.probability, certain=False) for c in claims)
+    claims = tuple(_doubted(c, levels) for c in claims)
   return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest)
+
+
+def _doubted(claim: Claim, levels: Levels) -> Claim:
+  """A claim beside something nameless; names that can't be told from it are doubted with it."""
+  probability, shared = levels.doubt * claim.probability, levels.doubt * claim.shared
+  return dataclasses.replace(claim, probability=probability, shared=shared, certain=False)
 
 
 def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], levels: Levels) -> float:

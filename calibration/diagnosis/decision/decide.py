@@ -47,6 +47,11 @@ class Decision:
   departures: tuple[Departure, ...] = ()
   nearest: str = ""
 
+  @property
+  def nameless(self) -> bool:
+    """Whether something remains that no name explains."""
+    return self.verdict in ("unexplained", "partly_explained")
+
 
 def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
   """Weigh the models; the verdict is provisional until `conclude` has looked at what is left.

@@ -21,7 +21,7 @@ from qcar_twin.untrusted import UnreadableFile, read_json
 
 FILE = "evidence.json"
 DIGITS = ".6g"  # of every number in it
-_NOT_READ = {"size", "typical", "added"}  # what earlier files also have; nothing depends on it
+_NOT_READ = {"size", "typical", "added", "profile", "prior_cost"}  # what earlier files also have; nothing depends on it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +102,6 @@ class Named:
   Attributes:
     name: id of the mechanism.
     held_out: the two compared on groups left out; its drop has the priors.
-    profile: log profile likelihood ratio of the two, nats.
     at_bound: whether an amplitude went as far as it may.
     errors: what it takes off each channel.
     estimates: of its parameters.
@@ -114,7 +113,6 @@ class Named:
 
   name: str
   held_out: Comparison
-  profile: float
   at_bound: bool
   errors: tuple[Taken, ...]
   estimates: tuple[Estimate, ...]
@@ -160,7 +158,6 @@ class Model:
   Attributes:
     mechanisms: in it, sorted; () for the recalibrated twin.
     drop: nats by which it fits better than the recalibrated twin.
-    prior_cost: nats that its parameters' priors cost.
     names: each of its mechanisms weighed.
     sensors: sensors' own errors, which every model has, weighed alike.
     against: smaller models that it does not hold.
@@ -169,7 +166,6 @@ class Model:
 
   mechanisms: tuple[str, ...]
   drop: float
-  prior_cost: float
   names: tuple[Named, ...] = ()
   sensors: tuple[Named, ...] = ()
   against: tuple[Against, ...] = ()

@@ -1,7 +1,6 @@
 """A formula as a stage of a diagnosis: only where something stays unexplained, and never in the way of the verdict."""
 
 import dataclasses
-import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from calibration.diagnosis.formula.finding import Found, find_formula
 from calibration.diagnosis.formula.looking import STAGE
 from calibration.diagnosis.formula.minimum import at_minimum, thinned
 from calibration.diagnosis.formula.words import alike_words
-from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
+from calibration.diagnosis.holdout_errors import ChannelFit, change, compare_twins
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.slopes import NotFinite
@@ -22,8 +21,6 @@ from calibration.progress import Progress, silent
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.formula.written import write_mechanism
-
-log = logging.getLogger(__name__)
 
 TWIN = "twin_with_formula.toml"
 
@@ -49,19 +46,13 @@ class Shipped:
   @property
   def change(self) -> float:
     """Geometric mean over the channels of the held-out errors, after over before; 1 without any."""
-    fits = self.holdout
-    return ratio({n: f.after for n, f in fits.items()}, {n: f.before for n, f in fits.items()})
-
-
-def left_unexplained(decision: Decision) -> bool:
-  """Whether a formula is sought: something is left that no name explains."""
-  return decision.verdict in ("unexplained", "partly_explained")
+    return change(self.holdout)
 
 
 def formula_left(
   pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut, progress: Progress = silent
-) -> Shipped | None:
-  """The formula of what the model behind the claims leaves unexplained; None where nothing is.
+) -> Shipped:
+  """The formula of what the model behind the claims leaves unexplained, or why there is none: the verdict stands.
 
   Args:
     pool: all fitted models.
@@ -70,16 +61,13 @@ def formula_left(
     cut: how they are cut.
     progress: reports the share that is done.
   """
-  if not left_unexplained(decision):
-    return None
   progress(STAGE, 0.0)
   part, model = thinned(pool.problem, pool.model(decision.mechanisms), judges=True)
   try:
     problem, winner = at_minimum(*weighed(*at_minimum(part, model), pool.floor))
     found = find_formula(problem, winner, model, pool.priors, progress=progress)
-  except (np.linalg.LinAlgError, NotFinite) as error:  # the verdict stands without it
-    log.warning("no formula was sought: %s", error)
-    return None
+  except (np.linalg.LinAlgError, NotFinite) as error:
+    return Shipped(Found(None, (), "", f"the search for one broke off ({error})", None, 0.0), {})
   if not (found.kind and found.twin):
     return Shipped(found, {})
   tried = found.twin
@@ -97,7 +85,12 @@ def weighed(problem: Problem, model: Candidate, floor: Mapping[str, float]) -> t
 
 
 def write_formula(shipped: Shipped | None, folder: Path, dataset: str, command_shift: int = 0) -> list[Path]:
-  """Write the mechanism file and the twin with it; returns their paths, none where nothing is kept."""
+  """Write the mechanism file and the twin with it; returns their paths, none where nothing is kept.
+
+  A twin with a formula that an earlier diagnosis left in the folder goes: it is none of this data set. A mechanism file
+  stays, which somebody may have changed.
+  """
+  (folder / TWIN).unlink(missing_ok=True)
   if shipped is None or not shipped.kept or shipped.rest.twin is None:
     return []
   twin, name = shipped.rest.twin, shipped.rest.twin.mechanism.name

@@ -50,7 +50,7 @@ class Found:
 
 
 def find_formula(
-  problem: Problem, winner: Candidate, came: Candidate, priors: ParameterSet, seed: int = 0, progress: Progress = silent
+  problem: Problem, winner: Candidate, came: Candidate, priors: ParameterSet, progress: Progress = silent
 ) -> Found:
   """Look for a formula for what a fitted model leaves over.
 
@@ -59,16 +59,15 @@ def find_formula(
     winner: the model, fitted to its minimum.
     came: the same where it stood before.
     priors: declarations of the base parameters.
-    seed: of halves and signs that are drawn.
     progress: reports the share that is done.
   """
   with threadpool_limits(1):  # many small matrices: a second thread costs more than it brings
     moved = np.abs(came.values - winner.values) > winner.std  # else it is the same place
-    return _found(problem, [winner, came] if moved.any() else [winner], priors, seed, progress)
+    return _found(problem, [winner, came] if moved.any() else [winner], priors, progress)
 
 
-def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, seed: int, progress: Progress) -> Found:
-  began, random = time.perf_counter(), np.random.default_rng(seed)
+def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, progress: Progress) -> Found:
+  began, random = time.perf_counter(), np.random.default_rng(0)
   over, looks = lambda: time.perf_counter() - began, []
   for k, base in enumerate(bases):
     span = [_BEGUN + (_LOOKED - _BEGUN) * i / len(bases) for i in (k, k + 1)]

@@ -18,7 +18,8 @@ from calibration.intervals.clusters import groups_of
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.plant import Prediction
-from qcar_twin.twin.formula.degrees import BODY, DEGREES
+from qcar_twin.twin.formula.degrees import DEGREES
+from qcar_twin.twin.formula.mechanism import commanded, pushed
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 
 STAGE = "formula for the rest"
@@ -176,20 +177,10 @@ class Replay(Mechanism):
     return self.force[:, min(pulse, self.force.shape[1] - 1)]
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    if self.degree in BODY:
-      return command
-    out = command.copy()
-    if self.degree == "motor_torque":
-      out[:, 0] += self._value(context) / context.torque_per_volt
-    else:
-      out[:, 1] += self._value(context)
-    return out
+    return commanded(self.degree, context, command, lambda: self._value(context))
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
-    out = np.zeros((len(theta), 3))
-    if self.degree in BODY:
-      out[:, BODY.index(self.degree)] = self._value(context)
-    return out
+    return pushed(self.degree, len(theta), lambda: self._value(context))
 
 
 def replayed(problem: Problem, theta: Array, recovered: Recovered) -> Prediction:

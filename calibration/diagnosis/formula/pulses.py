@@ -13,7 +13,8 @@ from calibration.fitting.likelihood import Problem
 from calibration.fitting.observations import Observations
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import signal_index
-from qcar_twin.twin.formula.degrees import BODY, DEGREES
+from qcar_twin.twin.formula.degrees import DEGREES
+from qcar_twin.twin.formula.mechanism import commanded, pushed
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.twin.twin import Twin
 
@@ -43,20 +44,10 @@ class Pulse(Mechanism):
     return theta[:, 0] * (np.floor((context.time + 0.5 * context.period) / WIDTH) == theta[:, 1])
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    if self.degree in BODY:
-      return command
-    out, value = command.copy(), self._value(theta, context)
-    if self.degree == "motor_torque":
-      out[:, 0] += value / context.torque_per_volt
-    else:
-      out[:, 1] += value
-    return out
+    return commanded(self.degree, context, command, lambda: self._value(theta, context))
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
-    out = np.zeros((len(theta), 3))
-    if self.degree in BODY:
-      out[:, BODY.index(self.degree)] = self._value(theta, context)
-    return out
+    return pushed(self.degree, len(theta), lambda: self._value(theta, context))
 
 
 @dataclasses.dataclass(frozen=True)

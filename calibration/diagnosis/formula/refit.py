@@ -12,7 +12,7 @@ from calibration.diagnosis.formula.columns import Driven, said
 from calibration.diagnosis.formula.forms import Form
 from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.tables import table_knots, table_shapes
-from calibration.diagnosis.score import Comparison, compare, compared
+from calibration.diagnosis.score import Comparison, clustered_std, compare, compared
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.surrogate import Surrogate
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -56,8 +56,10 @@ class Refitted:
 
   @property
   def values(self) -> list[tuple[Parameter, float, float]]:
-    """Its parameters with value and standard deviation."""
-    return [(p, *self.model.estimate(p.name)) for p in self.mechanism.parameters]
+    """Its parameters with value and standard deviation, by the scatter of recordings as a claim's."""
+    std = clustered_std(self.model, self.problem.observations)
+    at = [(p, self.model.free.index(p.name)) for p in self.mechanism.parameters]
+    return [(p, float(self.model.values[i]), float(std[i])) for p, i in at]
 
 
 def mechanism_of(form: Form, driven: Driven, unit: str) -> tuple[Formula, dict[str, float]]:

@@ -23,7 +23,7 @@ def formula_sections(shipped: Shipped | None) -> list[Section]:
   """One section where something is unexplained; none elsewhere."""
   if shipped is None:
     return []
-  found, text = shipped.rest, sentence(shipped.rest, shipped.change)
+  found, text = shipped.rest, sentence(shipped.rest, shipped.change if shipped.holdout else None)
   tables, drawn = [], []
   if found.kind and found.twin:
     rows: list[tuple[Cell, ...]] = [

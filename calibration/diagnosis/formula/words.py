@@ -1,9 +1,9 @@
 """A formula in words: one sentence, and why it is or is not shipped."""
 
+from calibration.diagnosis.formula.dictionary import Group
 from calibration.diagnosis.formula.finding import Found
 from calibration.diagnosis.formula.forms import HOLDS
 from qcar_twin.twin.formula.degrees import DEGREES
-from qcar_twin.twin.formula.law import Law
 from qcar_twin.twin.formula.table import Table
 from qcar_twin.twin.formula.variables import VARIABLES
 from qcar_twin.twin.formula.written import equation_of
@@ -27,13 +27,7 @@ def variables(found: Found) -> list[str]:
   if found.twin is None or found.sought is None or found.sought.forms is None:
     return []
   law = found.twin.mechanism.law
-  return sorted(law.knots) if isinstance(law, Table) else sorted(_of(law))
-
-
-def _of(law: Law) -> frozenset[str]:
-  """Variables of a law; a direction of travel alone is none."""
-  factors = {v for term in law.parsed for op, v in term.factors if (op, v) != ("sign", "speed")}
-  return frozenset(factors) | (frozenset(("place_x", "place_y")) if law.near else frozenset())
+  return sorted(law.knots if isinstance(law, Table) else Group(law.parsed, law.near).variables)
 
 
 def alike_words(found: Found) -> str:
@@ -47,12 +41,19 @@ def alike_words(found: Found) -> str:
   return ", or ".join(other)
 
 
-def sentence(found: Found, change: float = 1.0) -> str:
+def _taken(change: float | None) -> str:
+  if change is None:
+    return "is found in what was fitted; no held-out recordings show what it is worth"
+  size, errors = abs(100.0 * (change - 1.0)), "the held-out errors (geometric mean over the channels)"
+  return f"takes {size:.0f} % off {errors}" if change <= 1.0 else f"adds {size:.0f} % to {errors}"
+
+
+def sentence(found: Found, change: float | None = None) -> str:
   """What was found, in one or two sentences.
 
   Args:
     found: of `find_formula`.
-    change: held-out errors, after over before.
+    change: held-out errors, after over before; None without any.
   """
   if found.sought is None or found.sought.forms is None:
     return f"No formula was found: {found.why}."
@@ -65,6 +66,6 @@ def sentence(found: Found, change: float = 1.0) -> str:
     said += f", {equation(found)},"
   else:
     said += f", as a table, since no formula holds {HOLDS:.0%} of what the table does,"
-  said += f" takes {100.0 * (1.0 - change):.0f} % off the held-out errors (geometric mean over the channels)."
+  said += f" {_taken(change)}."
   alike = alike_words(found)
   return f"{said} These recordings can't tell it from {alike}." if alike else said

@@ -41,6 +41,11 @@ def left_out(d: Diagnosis) -> Section:
       "\n\nThe error is the squared error above sensor noise of the recalibrated twin. What a mechanism takes off comes"
       " back when it is left out and the others are refitted."
     )
+  if not all(claim.certain for claim in d.decision.claims):
+    text += (
+      "\n\nThe rest has structure without a name. That lowers every probability: of names claimed with such a rest"
+      " fewer are right."
+    )
   return Section(title, f"{text}{_not_claimed(d)}", [table])
 
 
@@ -61,7 +66,7 @@ def _not_claimed(d: Diagnosis) -> str:
 def unexplained(d: Diagnosis) -> Section:
   """What the repaired twin still gets wrong, how it behaves, and the moment where it is largest."""
   title, text, tables = "What is still unexplained, and where", "", []
-  if not something_nameless(d):
+  if not d.decision.nameless:
     text = "The rest shows no more structure than recordings of cars without hidden effects do."
   elif d.decision.leftovers:
     text = "The rest shows more structure than recordings of cars without hidden effects do."
@@ -70,7 +75,7 @@ def unexplained(d: Diagnosis) -> Section:
     text = "A part of the error has no name in the catalogue."
   if d.decision.undecided:
     text += f" {d.decision.undecided}"
-  if something_nameless(d) and d.location.degrees:
+  if d.decision.nameless and d.location.degrees:
     best = next(iter(d.location.degrees))
     text += "\n\nAn unnamed error was tried in every place where one could act, as a smooth function of the motion."
     if d.location.degrees[best] > 0.0:
@@ -89,11 +94,6 @@ def unexplained(d: Diagnosis) -> Section:
     )
     drawn.append(figures.moment(seconds, caption))
   return Section(title, text, tables, drawn)
-
-
-def something_nameless(d: Diagnosis) -> bool:
-  """Whether something remains that no name on the base car's own laws explains."""
-  return d.decision.verdict in ("unexplained", "partly_explained")
 
 
 def _structure(d: Diagnosis) -> Table:

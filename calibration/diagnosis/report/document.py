@@ -75,17 +75,7 @@ def document(
       "parameter_shifts": parameter_shifts(pool.base),
       "untestable": sorted(s.mechanism for s in pool.signatures.values() if not s.testable),
       "concealment": {name: s.unabsorbed_share for name, s in sorted(pool.signatures.items())},
-      "detectable": {
-        name: {
-          "parameter": x.parameter,
-          "unit": x.unit,
-          "size": x.size,
-          "named": x.named,
-          "share": x.share,
-          "nats": x.nats,
-        }
-        for name, x in d.detectable.items()
-      },
+      "detectable": {name: {key: getattr(x, key) for key in _DETECTABLE} for name, x in d.detectable.items()},
       "next_experiment": d.next_experiment,
       "fit": {role: _fits(getattr(d, role), own.get(role, {})) for role in ("validate", "holdout")},
       "curves": curves,
@@ -114,11 +104,11 @@ def unknown_summary(decision: Decision) -> dict[str, Any]:
   nothing is. `share` is the part of that rival's held-out gain that the named mechanisms do not reach.
   """
   out = {"depends_on": [], "properties": [], "formula": None, "share": 0.0}
-  if decision.verdict not in ("unexplained", "partly_explained"):
+  if not decision.nameless:
     return out
   if decision.unknown is not None:
     name, comparison = decision.unknown
-    known = sum(max(c.held_out.gain, 0.0) for c in decision.claims if c.certain)
+    known = sum(max(c.held_out.gain, 0.0) for c in decision.claims)
     share = 1.0 - known / comparison.gain if comparison.gain > 0 else 0.0
     out |= {"depends_on": unknown_variables(name), "share": float(np.clip(share, 0.0, 1.0))}
   if decision.leftovers:
@@ -176,6 +166,7 @@ _NUMBER = float
 _MAYBE = ("number or null",)  # a channel without enough data has no error
 _CHANNEL = {"*": {"before": _MAYBE, "after": _MAYBE, "curves": _MAYBE, "noise_floor": _MAYBE, "driving_noise": _MAYBE,
                   "ci95": [_MAYBE]}}  # fmt: skip
+_DETECTABLE = {"parameter": str, "unit": str, "size": _MAYBE, "named": _MAYBE, "share": _MAYBE, "nats": _MAYBE}
 SCHEMA: dict[str, Any] = {
   "dataset": str,
   "verdict": VERDICTS,
@@ -204,9 +195,7 @@ SCHEMA: dict[str, Any] = {
   "parameter_shifts": {"*": {"prior": _NUMBER, "fitted": _NUMBER, "sigma": _NUMBER}},
   "untestable": [str],
   "concealment": {"*": _NUMBER},
-  "detectable": {
-    "*": {"parameter": str, "unit": str, "size": _MAYBE, "named": _MAYBE, "share": _MAYBE, "nats": _MAYBE}
-  },
+  "detectable": {"*": _DETECTABLE},
   "next_experiment": "experiment or null",
   "fit": {"validate": _CHANNEL, "holdout": _CHANNEL},
   "curves": "object or null",

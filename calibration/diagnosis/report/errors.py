@@ -64,21 +64,20 @@ def errors(d: Diagnosis, curved: Roles = NO_CURVES) -> Section:
 
 
 def how_good(d: Diagnosis) -> str:
-  """What the repair removes in per cent, and what remains in multiples of sensor noise."""
+  """What the repair removes in per cent, and how far the twin errs."""
   fits, where = judged_on(d)
-  if not repaired(d):
-    return f"On {where} the recalibrated twin errs by {multiples(fits)}; {largest_in(fits)}."
-  share = recovered_share(fits)
-  if share <= 0.0:
-    return f"The repair does not lower the error on {where}. The error is {multiples(fits)}; {largest_in(fits)}."
-  gone = f"On {where} the repair removes {100 * share:.0f} % of the squared error above sensor noise."
-  return f"{gone} What remains is {multiples(fits)}; {largest_in(fits)}."
+  gone, share = "", recovered_share(fits)
+  if repaired(d) and share > 0.0:
+    gone = f"On {where} the repair removes {100 * share:.0f} % of the squared error above sensor noise. "
+  elif repaired(d):
+    gone = f"The repair does not lower the error on {where}. "
+  return f"{gone}{how_good_in_short(d)}".rstrip()
 
 
 def how_good_in_short(d: Diagnosis) -> str:
   """ "On held-out recordings the repaired twin errs by 1.0 to 3.0 times the sensor noise, most in motor speed (…)."."""
   fits, where = judged_on(d)
-  known = {name: _size(f) for name, f in fits.items() if np.isfinite(_size(f))}
+  known = _sizes(fits)
   if not known:
     return ""
   worst = max(known, key=lambda name: known[name])
@@ -89,7 +88,7 @@ def how_good_in_short(d: Diagnosis) -> str:
 
 def short_of(d: Diagnosis) -> str:
   """ "motor speed errs by 3.0 and yaw rate by 1.4 times the sensor noise": beyond what sensors leave; "" for none."""
-  sizes = {name: _size(f) for name, f in judged_on(d)[0].items() if np.isfinite(_size(f))}
+  sizes = _sizes(judged_on(d)[0])
   beyond = sorted((n for n, size in sizes.items() if size > usual_levels().good), key=lambda n: -sizes[n])
   said = [f"{RESIDUALS[n].words} by {_told(sizes[n])}" for n in beyond]
   return f"{listed(said)} times the sensor noise".replace(" by ", " errs by ", 1) if said else ""
@@ -97,7 +96,7 @@ def short_of(d: Diagnosis) -> str:
 
 def multiples(fits: Mapping[str, ChannelFit]) -> str:
   """ "1.0 to 3.0 times the sensor noise": smallest and largest over the channels, after the repair."""
-  sizes = sorted(_size(f) for f in fits.values() if np.isfinite(_size(f)))
+  sizes = sorted(_sizes(fits).values())
   if not sizes:
     return "of unknown size against the sensor noise"
   low, high = _told(sizes[0]), _told(sizes[-1])
@@ -109,21 +108,15 @@ def _told(multiple: float) -> str:
   return f"{multiple:.1f}" if multiple < _HUNDREDFOLD else f"more than {_HUNDREDFOLD:.0f}"
 
 
-def largest_in(fits: Mapping[str, ChannelFit]) -> str:
-  """ "the largest multiple is that of motor speed": the channel with most error after the repair."""
-  known = {name: _size(f) for name, f in fits.items() if np.isfinite(_size(f))}
-  if not known:
-    return "no sensor's noise is known"
-  return f"the largest multiple is that of {RESIDUALS[max(known, key=lambda n: known[n])].words}"
-
-
 def error_table(caption: str, fits: Fits, curved: Fits | None = None) -> Table:
   """Root mean square errors by channel before and after, against the sensor noise, and the change with its interval."""
   rows: list[tuple[Cell, ...]] = []
   for name, f in fits.items():
     more: tuple[Cell, ...] = (curved[name].after if name in curved else None,) if curved else ()
     change = 100 * (f.after / f.before - 1.0) if f.before else 0.0
-    interval = f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}".replace("-", "−")
+    interval = (
+      f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}".replace("-", "−") if np.isfinite(f.ci95).all() else None
+    )
     rows.append((RESIDUALS[name].axis, f.before, f.after, *more, f.noise, _size(f), round(change, 1), interval))
   extra = ("with curves",) if curved else ()
   columns = ("channel", "before", "after", *extra, "sensor noise", "after / noise", "change [%]", "95 % interval [%]")
@@ -152,6 +145,11 @@ def error_lines(d: Diagnosis, curved: Roles = NO_CURVES) -> list[str]:
 
 def _size(fit: ChannelFit) -> float:
   return fit.after / fit.noise if fit.noise > 0.0 else float("nan")
+
+
+def _sizes(fits: Fits) -> dict[str, float]:
+  """Errors after the repair in multiples of the sensor noise, by channel whose noise is known."""
+  return {name: size for name, fit in fits.items() if np.isfinite(size := _size(fit))}
 
 
 def _meaning(d: Diagnosis) -> str:

@@ -24,7 +24,7 @@ SHARED = {  # what is shared out over seconds and channels, by the source of a l
   "unknown": "improvement of the fit",
   "residual": "squared error above noise",
 }
-_ALWAYS = 4  # names that are shown even where they explain nothing
+_ALWAYS, _MOST = 4, 14  # names that are shown even where they explain nothing, and at most
 _POINTS = 3000  # of the line of evidence
 
 
@@ -114,11 +114,11 @@ def share_over_time(observations: Observations, location: Location) -> Chart:
   return Chart(caption, [trace], layout, 300)
 
 
-def ranked_evidence(decision: Decision, most: int = 14) -> Chart:
+def ranked_evidence(decision: Decision) -> Chart:
   """Bars of evidence, best first; claims in the twin's colour, names indistinguishable from them hatched."""
   claimed = {c.mechanism for c in decision.claims}
   equal = {name for c in decision.claims for name in c.indistinguishable_from}
-  shown = [row for k, row in enumerate(decision.ranking[:most]) if row[1] > 0.0 or k < _ALWAYS]
+  shown = [row for k, row in enumerate(decision.ranking[:_MOST]) if row[1] > 0.0 or k < _ALWAYS]
   rows = [(name, nats, "twin" if name in claimed else "nominal", name in equal) for name, nats in shown]
   caption = (
     "Evidence for each mechanism, best first. Blue bars are claims. Hatched bars are indistinguishable from a claim."

@@ -7,6 +7,7 @@ from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.document import LISTED, parameter_shifts
 from calibration.diagnosis.scan import confusion
+from calibration.diagnosis.score import clustered_std
 from qcar_twin.pages import Cell, Section, Table
 from qcar_twin.pages.numbers import spread
 
@@ -45,20 +46,23 @@ def evidence(d: Diagnosis) -> Section:
 def priors(d: Diagnosis) -> Section:
   """What the fit made of the parameters, against what was measured of them before."""
   base, model = d.pool.base, d.model
+  deviations = lambda m: dict(zip(m.free.names, clustered_std(m, d.pool.problem.observations).tolist(), strict=True))
+  first, last = deviations(base), {} if model is base else deviations(model)
   apart = {x.name: x for x in d.decision.departures}
   rows: list[tuple[Cell, ...]] = []
   for name, shift in parameter_shifts(base).items():
-    parameter, (value, std) = base.free[name], base.estimate(name)
+    parameter = base.free[name]
     known = parameter.null is None and parameter.std is not None
     prior = spread(shift["prior"], parameter.std) if known else "–"
-    final = spread(*model.estimate(name)) if name in model.free and model is not base else "–"
-    remark = _remark(base, name, apart.get(name))
-    rows.append((name, parameter.unit, prior, spread(value, std), shift["sigma"] if known else None, final, remark))
+    final = spread(model.estimate(name)[0], last[name]) if name in last else "–"
+    shown, shifted = spread(shift["fitted"], first[name]), shift["sigma"] if known else None
+    rows.append((name, parameter.unit, prior, shown, shifted, final, _remark(base, name, apart.get(name))))
   text = (
     "An effect that recalibration absorbs leaves no error. It shows as a measured parameter that moved. The shift is"
     " the fitted value minus the measured one, in standard deviations of the measurement. A dash marks a parameter that"
-    " was not measured. A twin's parameters move on cars without any effect, too, since it is no more than a model. How"
-    " far is known from such cars, and a parameter that moved farther contradicts what was known of it."
+    " was not measured. The deviation of a fitted value is by the scatter of recordings. A twin's parameters move on"
+    " cars without any effect, too, since it is no more than a model. How far is known from such cars, and a parameter"
+    " that moved farther contradicts what was known of it."
   )
   flagged = [f"* {row[0]}: {row[-1]}." for row in rows if row[-1]]
   if flagged:
@@ -69,7 +73,7 @@ def priors(d: Diagnosis) -> Section:
 
 def _remark(base: Candidate, name: str, apart: Departure | None) -> str:
   """What a reader must know of a fitted parameter: that it ended at its bound, or contradicts what was known of it."""
-  parameter, value = base.free[name], base.estimate(name)[0]
+  parameter, value = base.free[name], float(base.values[base.free.index(name)])
   parts = []
   if min(value - parameter.lower, parameter.upper - value) <= _AT_BOUND * (parameter.upper - parameter.lower):
     end = "lower" if value - parameter.lower < parameter.upper - value else "upper"
@@ -85,8 +89,8 @@ def unseen(d: Diagnosis) -> Section:
   signatures = d.pool.signatures
   blind = sorted(s.mechanism for s in signatures.values() if not s.testable)
   text = (
-    f"These recordings cannot show {wording.listed(blind)}, because nothing in them excites these effects. That does"
-    " not mean that the car is free of them."
+    f"These recordings cannot show {wording.listed(blind)}. They hardly excite these effects, lack a channel that would"
+    " show them, or recalibration absorbs them. That does not mean that the car is free of them."
     if blind
     else "Every effect of the catalogue would have shown at its typical size."
   )

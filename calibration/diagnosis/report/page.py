@@ -3,13 +3,13 @@
 from pathlib import Path
 
 from calibration.diagnosis.decision.evidence import write_evidence
-from calibration.diagnosis.formula.after import left_unexplained, write_formula
+from calibration.diagnosis.formula.after import write_formula
 from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.holdout_errors import recovered_share, share_taken_off
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.belief import belief
-from calibration.diagnosis.report.causes import claimed, left_out, something_nameless, unexplained, where
+from calibration.diagnosis.report.causes import claimed, left_out, unexplained, where
 from calibration.diagnosis.report.curves import curve_chart
 from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration, demonstrate
 from calibration.diagnosis.report.document import REPORT, write_document
@@ -31,8 +31,6 @@ from qcar_twin.pages import Cell, Section, Table, write_page
 from qcar_twin.pages.page import Tone
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.posterior import save_posterior
-
-__all__ = ["facts", "report_sections", "something_nameless", "verdict", "write_diagnosis", "write_report"]
 
 _TONES: dict[str, Tone] = {
   "no_mismatch": "good", "explained": "good", "partly_explained": "partly", "unexplained": "bad",
@@ -101,7 +99,7 @@ def verdict(diagnosis: Diagnosis) -> str:
   gain = recovered if recovered > 0.02 else None
   said = wording.verdict_sentence(d.decision, claimed(d), gain, taken, short_of(d))
   model = d.model
-  unlike = wording.unlike_sentence(unlike_the_class(model.free, model.values)) if left_unexplained(d.decision) else ""
+  unlike = wording.unlike_sentence(unlike_the_class(model.free, model.values)) if d.decision.nameless else ""
   apart = wording.departures_sentence(d.decision.departures, d.decision.claims)
   return f"{how_good_in_short(d)} {said}{apart}{unlike}".lstrip()
 

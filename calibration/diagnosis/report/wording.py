@@ -81,21 +81,19 @@ def verdict_sentence(
     taken: the same of each mechanism, by id.
     short: where the twin errs by more than its sensors, a clause; "" where it does not.
   """
-  named = [c for c in decision.claims if c.mechanism in mechanisms]
   if decision.verdict == "no_mismatch":
     if not short:
       return "The recalibrated twin explains these recordings, and no missing physics shows in them."
     return f"In these recordings no missing physics shows. The twin itself falls short of them: {short}."
-  if decision.verdict == "unexplained" or not named:
+  if decision.verdict == "unexplained":
     about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
     if decision.leftovers:
       about = f" {structure_sentence(decision.leftovers[0])}"
     about = f" {decision.undecided}" if decision.undecided else about
-    close = f" The nearest named effect, {named[0].mechanism}, does not explain it." if named else ""
-    close = close or (f" {decision.nearest}" if decision.nearest else "")
-    return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
+    nearest = f" {decision.nearest}" if decision.nearest else ""
+    return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{nearest}"
   effects = " ".join(
-    f"{claim_sentence(c, mechanisms[c.mechanism])}{doubts(c, (taken or {}).get(c.mechanism))}." for c in named
+    f"{claim_sentence(c, mechanisms[c.mechanism])}{doubts(c, (taken or {}).get(c.mechanism))}." for c in decision.claims
   )
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
@@ -147,7 +145,8 @@ def doubts(claim: Claim, taken: float | None = None) -> str:
   if taken is not None and round(100 * taken) < 0:
     share = f", adds {-100 * taken:.0f} % to the error"
   equal = f"; indistinguishable from {listed(claim.indistinguishable_from)}" if claim.indistinguishable_from else ""
-  return f" ({claim.mechanism}, probability {claim.probability:.2f}{share}{equal})"
+  doubted = "" if claim.certain else ", lowered by what has no name"
+  return f" ({claim.mechanism}, probability {claim.probability:.2f}{doubted}{share}{equal})"
 
 
 def quantity(name: str) -> str:

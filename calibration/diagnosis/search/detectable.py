@@ -146,7 +146,7 @@ class Prediction:
     bent = dataclasses.replace(self.pool.base, values=self.pool.base.values - k * answer)
     without = measured_figures(bent, self.pool.problem.twin, self.pool.problem.observations)
     return Named(
-      name=signature.mechanism, held_out=dataclasses.replace(test, priors=priors, drop=drop), profile=drop,
+      name=signature.mechanism, held_out=dataclasses.replace(test, priors=priors, drop=drop),
       at_bound=False, errors=tuple(errors), estimates=(), alternatives=others, scores=own.scores(k), without=without,
     )  # fmt: skip
 

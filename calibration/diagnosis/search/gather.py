@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.confirm import confirm
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.evidence import (
   Against,
@@ -25,14 +26,7 @@ from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector
-from calibration.diagnosis.score import (
-  clustered_std,
-  compare,
-  compare_freely,
-  errors_taken_off,
-  evidence,
-  prior_part,
-)
+from calibration.diagnosis.score import clustered_std, compare, errors_taken_off
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.weighing import stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
@@ -59,13 +53,22 @@ def gather(pool: Pool, dataset: str = "") -> Evidence:
 
 
 def _complete(pool: Pool) -> None:
-  """Fit what the foremost sets are without each of their names; largest first, since those may join the smaller."""
+  """Fit what the foremost sets are without each of their names; largest first, since those may join the smaller.
+
+  All of them get MuJoCo's residuals, by which others may come to the fore.
+  """
   while True:
-    count = len(pool.models)
+    before = set(_considered(pool))
     for size in range(LARGEST, 0, -1):
       ensure(pool, [frozenset(m.mechanisms) - {n} for m in pool.foremost(size, CONSIDERED) for n in m.mechanisms])
-    if len(pool.models) == count:
+    confirm(pool, [pool.models[key] for key in _considered(pool)])
+    if set(_considered(pool)) == before:
       return
+
+
+def _considered(pool: Pool) -> list[frozenset[str]]:
+  """The foremost sets of each size."""
+  return [frozenset(m.mechanisms) for size in range(1, LARGEST + 1) for m in pool.foremost(size, CONSIDERED)]
 
 
 def seconds_of(observations: Observations) -> NDArray[np.int64]:
@@ -78,7 +81,7 @@ class Weighing:
 
   def __init__(self, pool: Pool):
     self.pool, self.observations = pool, pool.problem.observations
-    self.compare = functools.cache(self._compare)
+    self.compare = functools.cache(lambda larger, smaller: self._test(pool.models[larger], pool.models[smaller]))
     self.second = seconds_of(self.observations)
     self.stretched = functools.cache(lambda key, name: stretched(pool, pool.models[key], name))
 
@@ -100,7 +103,6 @@ class Weighing:
     return Model(
       mechanisms=_names(model),
       drop=base.cost - model.cost,
-      prior_cost=prior_part(model),
       names=tuple(self.named(model, name) for name in _names(model)),
       sensors=tuple(self.sensors(model)),
       against=tuple(against),
@@ -168,7 +170,6 @@ class Weighing:
     return Named(
       name=name,
       held_out=test,
-      profile=evidence(model, without, self.observations),
       at_bound=at_bound,
       errors=tuple(Taken(channel, share, t) for channel, (share, t) in taken.items()),
       estimates=self._estimates(model, name),
@@ -187,9 +188,6 @@ class Weighing:
     declared = [p for p in self.pool.problem.mechanism(name).parameters if p.name in model.free]
     row = lambda p: Estimate(p.name, values[p.name], scatter[p.name], p.unit, p.null)
     return tuple(row(p) for p in declared)
-
-  def _compare(self, larger: frozenset[str], smaller: frozenset[str]) -> Comparison:
-    return self._test(self.pool.models[larger], self.pool.models[smaller])
 
   def _test(self, larger: Candidate, smaller: Candidate) -> Comparison:
     return compare(larger, smaller, self.observations)
@@ -238,12 +236,6 @@ def what_is_left(pool: Pool, mechanisms: Sequence[str]) -> list[Leftover]:
   """Structure in the residuals of a model of the pool."""
   model = pool.models[frozenset(mechanisms)]
   return leftovers(model, pool.problem, pool.problem.exact.predict(model.theta[None]))
-
-
-def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Comparison] | None:
-  """The UNKNOWN rival with the largest held-out gain over the recalibrated twin."""
-  scored = {name: compare_freely(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
-  return max(scored.items(), key=lambda kv: kv[1].gain, default=None)
 
 
 def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftover], list[Leftover]]:

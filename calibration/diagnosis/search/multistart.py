@@ -14,10 +14,9 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, begin, candidate, half_square, refine
-from calibration.diagnosis.scan import measured, trial_starts
+from calibration.diagnosis.scan import measured, trial_starts, varied
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.optimiser import prior_cost
 from qcar_twin.parameters import ParameterSet
@@ -138,11 +137,8 @@ def _worthwhile(
   """
   if not place.trials:
     return []
-  begin: NDArray[np.float64] = problem.embed(list(place.values), np.array(list(place.values.values())), base.theta)[0]
-  thetas = np.tile(begin, (len(place.trials) + 1, 1))
-  for row, (_, start) in zip(thetas[1:], place.trials, strict=True):
-    for parameter, value in start.items():
-      row[problem.parameters.index(parameter)] = value
+  begin = varied(problem, base.theta, [place.values])[0]
+  thetas = varied(problem, begin, [{}, *(start for _, start in place.trials)])
   highest, below = _RIVALS * base.cost, half_square(base.residual[: base.n_train]) - _WORTH
   limits = [highest if name in first else min(highest, below) for name, _ in place.trials]
   alone, *costs = problem.fitted_cost(thetas, np.array([np.inf, *limits]))

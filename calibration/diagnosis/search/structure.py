@@ -98,7 +98,7 @@ def search(
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
   if _worth_growing(pool):
     progress("refitting triples")
-    _fit_sets(pool, _nominate_triples(pool, effort.triples), effort.iterations)
+    _fit_sets(pool, _nominate_larger(pool, 2, 3)[: effort.triples], effort.iterations)
   progress("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
@@ -111,10 +111,10 @@ def search(
   return pool
 
 
-def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> None:
+def ensure(pool: Pool, sets: Iterable[frozenset[str]]) -> None:
   """Fit sets that are not in the pool yet."""
   new = [s for s in sets if s not in pool.models]
-  _fit_sets(pool, new, iterations)
+  _fit_sets(pool, new, Effort.iterations)
   confirm(pool, closely=[pool.models[key] for key in new])
 
 
@@ -130,10 +130,6 @@ def _nominate_singles(problem: Problem, signatures: dict[str, Signature], count:
 def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:
   """Partners of the best singles by what their signature explains of the single's residual, and those that bend."""
   return list(dict.fromkeys([*_nominate_larger(pool, 1, 6)[:count], *_bending_partners(pool)]))
-
-
-def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
-  return _nominate_larger(pool, 2, 3)[:count]
 
 
 def _nominate_larger(pool: Pool, size: int, parents: int) -> list[frozenset[str]]:
@@ -191,8 +187,8 @@ def _kept(pool: Pool, name: str) -> float:
 
   1 where it was not refitted, or where one effect is so strong that nothing refitted without it tells anything.
   """
-  alone, strongest = pool.models.get(frozenset([name])), min(m.cost for m in pool.of_size(1))
-  if alone is None or pool.signatures[name].gain <= 0 or strongest < _OVERSHADOWED * pool.base.cost:
+  alone = pool.models.get(frozenset([name]))
+  if alone is None or pool.signatures[name].gain <= 0 or pool.foremost(1)[0].cost < _OVERSHADOWED * pool.base.cost:
     return 1.0
   return float(np.clip((pool.base.cost - alone.cost) / pool.signatures[name].gain, _DOUBTED, 1.0))
 

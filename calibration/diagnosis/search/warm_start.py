@@ -35,7 +35,9 @@ def level(pool: Pool, best: Candidate) -> float:
   offered: dict[tuple[frozenset[str], frozenset[str]], float] = {}  # set and giver: the giver's cost then
   for _ in range(_ROUNDS):
     stood = {key: model.cost for key, model in pool.models.items()}
-    givers = [pair for pair in _related(_taking_part(pool, best)) if pair[1] in stood]
+    # pairs of a set and one that holds it or that it holds, whose estimates it may begin at
+    pairs = [(a, b) for a, b in itertools.permutations(_taking_part(pool, best), 2) if a < b or b < a]
+    givers = [pair for pair in pairs if pair[1] in stood]
     fresh = [pair for pair in givers if offered.get(pair, math.inf) - stood[pair[1]] >= _LOWER]
     offered |= {pair: stood[pair[1]] for pair in fresh}
     chosen = _expected_lower(pool, [_offer(pool, *pair) for pair in fresh])
@@ -46,11 +48,6 @@ def level(pool: Pool, best: Candidate) -> float:
     if all(cost - pool.models[key].cost < _LOWER for key, cost in stood.items()):
       break
   return before - pool.base.cost
-
-
-def _related(keys: Sequence[frozenset[str]]) -> list[tuple[frozenset[str], frozenset[str]]]:
-  """All ordered pairs of sets of which one holds the other."""
-  return [(key, other) for key, other in itertools.permutations(keys, 2) if key < other or other < key]
 
 
 def _taking_part(pool: Pool, best: Candidate) -> list[frozenset[str]]:

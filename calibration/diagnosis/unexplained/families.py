@@ -48,26 +48,30 @@ def past_commands(observations: Observations, prediction: Prediction) -> Array:
 
 
 def heading(observations: Observations, prediction: Prediction) -> Array:
-  """First and second harmonics of the measured heading, alone and for a moving car, (S, T + 1, 8); without one none."""
+  """First and second harmonics of the measured heading, alone and for a moving car, (S, T + 1, 8); without one none.
+
+  Where a recording lacks it they are nought, and say nothing.
+  """
   pose = observations.stretches.segments.pose
-  if pose is None or not np.isfinite(pose[..., 2]).all():
+  if pose is None or not np.isfinite(pose[..., 2]).any():
     return np.zeros((*prediction.channel("yaw_rate")[0].shape, 0))
   yaw = pose[..., 2]
-  waves = [wave(k * yaw) for k in (1, 2) for wave in (np.cos, np.sin)]
+  waves = [np.nan_to_num(wave(k * yaw)) for k in (1, 2) for wave in (np.cos, np.sin)]
   moving = np.tanh(prediction.channel("velocity_x")[0] / (0.3 * observations.vehicle.similarity.speed))
   return np.stack([*waves, *(moving * wave for wave in waves)], axis=-1)
 
 
 def places(observations: Observations, prediction: Prediction) -> Array:
-  """Bumps over the floor that was driven, (S, T + 1, 36); no columns without a measured place."""
+  """Bumps over the floor that was driven, (S, T + 1, 36); nought where a recording lacks a place, none without one."""
   pose = observations.stretches.segments.pose
-  if pose is None or not np.isfinite(pose[..., :2]).all():
+  if pose is None or not np.isfinite(pose[..., :2]).all(axis=-1).any():
     return np.zeros((*prediction.channel("yaw_rate")[0].shape, 0))
-  low, high = np.quantile(pose[..., :2].reshape(-1, 2), [0.02, 0.98], axis=0)
+  low, high = np.nanquantile(pose[..., :2].reshape(-1, 2), [0.02, 0.98], axis=0)
   width = np.maximum(high - low, 0.2 * observations.vehicle.similarity.length) / (_BUMPS - 1)
   share = (pose[..., :2] - low) / width
   knots = itertools.product(range(_BUMPS), repeat=2)
-  return np.stack([np.exp(-0.5 * np.sum((share - np.array(k)) ** 2, axis=-1)) for k in knots], axis=-1)
+  bumps = [np.exp(-0.5 * np.sum((share - np.array(k)) ** 2, axis=-1)) for k in knots]
+  return np.nan_to_num(np.stack(bumps, axis=-1))
 
 
 def histories(observations: Observations, prediction: Prediction) -> Array:

@@ -94,13 +94,10 @@ def unknown_sensors(
     prediction: the twin's signals under it, one vector.
     whitening: factor from each value's unit to nats, (M,).
   """
-  basis = _sensor_basis(observations, prediction)
-  rivals = {}
-  for name in observations.present:
-    if name in _WAYS:
-      continue
-    rivals[f"unknown_sensor_{name}"] = _sensor_rival(base, observations, basis, whitening, name)
-  return rivals
+  grid = motion(observations, prediction)
+  basis = grid.reshape(-1, grid.shape[-1])[observations.grid_points]  # at every measured value, (M, K)
+  read = [name for name in observations.present if name not in _WAYS]
+  return {f"unknown_sensor_{name}": _sensor_rival(base, observations, basis, whitening, name) for name in read}
 
 
 def _sensor_rival(
@@ -123,12 +120,6 @@ def _sensor_rival(
   rival.values = values + move
   rival.residual = base.residual + rival.jacobian @ move
   return rival
-
-
-def _sensor_basis(observations: Observations, prediction: Prediction) -> Array:
-  """Monomials of squashed predicted signals at every measured value, (M, K)."""
-  grid = motion(observations, prediction)
-  return grid.reshape(-1, grid.shape[-1])[observations.grid_points]
 
 
 def _variable(name: str, context: Context) -> Array:

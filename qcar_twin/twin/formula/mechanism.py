@@ -1,7 +1,7 @@
 """A formula in the twin: a mechanism made of a law, whichever degree of freedom it acts on."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -34,21 +34,10 @@ class Formula(Mechanism):
     return {name: VARIABLES[name].value(context) for name in kept}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    degree = self.law.degree
-    if degree not in ("motor_torque", "steering_angle"):
-      return command
-    out, value = command.copy(), self._value(theta, context, state)
-    if degree == "motor_torque":
-      out[:, 0] += value / context.torque_per_volt
-    else:
-      out[:, 1] += value
-    return out
+    return commanded(self.law.degree, context, command, lambda: self._value(theta, context, state))
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
-    out = np.zeros((len(theta), 3))
-    if self.law.degree in BODY:
-      out[:, BODY.index(self.law.degree)] = self._value(theta, context, state)
-    return out
+    return pushed(self.law.degree, len(theta), lambda: self._value(theta, context, state))
 
   def measure(self, theta: Array, track: Track) -> Array:
     signal = DEGREES[self.law.degree].signal
@@ -76,6 +65,26 @@ class Formula(Mechanism):
     if DEGREES[self.law.degree].fades:
       value = value * moving(view)
     return np.clip(value, -self.law.limit, self.law.limit)
+
+
+def commanded(degree: str, context: Context, command: Array, value: Callable[[], Array]) -> Array:
+  """Commands (n, 2) with what acts on a degree of freedom, (n,): a motor's torque as voltage, or a wheels' angle."""
+  if degree not in ("motor_torque", "steering_angle"):
+    return command
+  out = command.copy()
+  if degree == "motor_torque":
+    out[:, 0] += value() / context.torque_per_volt
+  else:
+    out[:, 1] += value()
+  return out
+
+
+def pushed(degree: str, count: int, value: Callable[[], Array]) -> Array:
+  """Forces and yaw moment on the body, (count, 3), of what acts on a degree of freedom, (count,)."""
+  out = np.zeros((count, 3))
+  if degree in BODY:
+    out[:, BODY.index(degree)] = value()
+  return out
 
 
 def moving(view: View) -> Array:

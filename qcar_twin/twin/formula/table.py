@@ -65,4 +65,5 @@ def hats(x: Array, knots: Array, angular: bool = False) -> Array:
   np.put_along_axis(out, left[..., None] + 1, part[..., None], axis=-1)
   if angular:
     out[..., 0] += out[..., -1]
+    out[..., -1] = 0.0
   return out

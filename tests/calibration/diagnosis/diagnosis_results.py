@@ -33,7 +33,8 @@ def claim_of(mechanism, equivalent=(), gain=300.0):
 
 def decision_of(verdict, claimed, equivalent=(), unknown=None, model=None, ranking=()):
   """A decision with claims of typical size."""
-  claims = tuple(claim_of(catalogue()[name], equivalent) for name in claimed)
+  certain = verdict != "partly_explained"  # what has no name throws doubt on all that have one
+  claims = tuple(dataclasses.replace(claim_of(catalogue()[n], equivalent), certain=certain) for n in claimed)
   ranked = ranking or tuple((c.mechanism, c.evidence_nats) for c in claims)
   behind = tuple(sorted(claimed if model is None else model.mechanisms))
   return Decision(verdict, claims, (), behind, (unknown, HELD) if unknown else None, ranked)
@@ -61,7 +62,7 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
     "decision": decision,
     "location": locate(pool, model, {"unknown_steering": 80.0, "unknown_force_y": 20.0}),
     "pool": pool,
-    "evidence": Evidence("linear car", (Model((), 0.0, 0.0),), ()),
+    "evidence": Evidence("linear car", (Model((), 0.0),), ()),
     "validate": fits,
     "holdout": fits,
     "replay": replay_of(pool, model),

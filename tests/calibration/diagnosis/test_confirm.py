@@ -7,6 +7,7 @@ import pytest
 
 from calibration.diagnosis.candidates import candidate, refine, simulate
 from calibration.diagnosis.confirm import confirm, confirm_best, correct
+from calibration.diagnosis.search.gather import gather
 from calibration.fitting.likelihood import Problem
 from qcar_twin.plant import Prediction
 from tests.calibration.diagnosis import diagnosis_rig as rig
@@ -108,3 +109,25 @@ def test_where_mujoco_searched_there_is_nothing_to_confirm(offset_pool):
   confirm_best(offset_pool)
   confirm(offset_pool, list(offset_pool.models.values()))
   assert all(np.array_equal(m.residual, before[key]) for key, m in offset_pool.models.items())
+
+
+def test_what_was_not_confirmed_is_no_worse_than_what_it_holds(pool):
+  """A recalibrated twin that was fitted on leaves behind whatever had begun at it."""
+  base, single = pool.base, frozenset(["side_force"])
+  pool.models[single] = dataclasses.replace(pool.models[single], residual=1.01 * base.residual, confirmed=False)
+  assert pool.models[single].cost > base.cost
+  confirm(pool, closely=[base])
+  assert pool.models[single].cost == pytest.approx(base.cost, rel=1e-9)
+
+
+def test_evidence_is_of_models_that_the_car_that_counts_has_driven(pool):
+  """Nats of a stand-in less nats of the car are no evidence, however far behind the best a set is."""
+  confirm_best(pool)
+  for model in pool.of_size(1):  # as if they were too far behind to be confirmed with the best
+    model.confirmed = False
+    model.residual = model.residual * 1.001
+  found = {m.mechanisms: m.drop for m in gather(pool).models}
+  for key in (("side_force",), ("steering_offset",)):
+    model = pool.models[frozenset(key)]
+    np.testing.assert_allclose(model.residual, truly(pool, model), atol=1e-9)
+    assert found[key] == pytest.approx(pool.base.cost - model.cost, rel=1e-5)

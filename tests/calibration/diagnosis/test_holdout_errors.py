@@ -1,10 +1,24 @@
 """Shares of an excess: no unit, no quiet sensor and no channel at its floor decides."""
 
+import dataclasses
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.diagnosis.holdout_errors import ChannelFit, recovered_share, share_removed
+from calibration.diagnosis.decision.levels import usual_levels
+from calibration.diagnosis.decision.veto import surely_worse
+from calibration.diagnosis.holdout_errors import (
+  ChannelFit,
+  channel_fit,
+  held_out_error,
+  recovered_share,
+  share_removed,
+)
+from calibration.diagnosis.report.errors import error_table
+from calibration.fitting.observations import observe
+from tests.calibration.diagnosis.diagnosis_rig import VEHICLE, drive
 
 SIZE = st.floats(1e-6, 1e6)
 
@@ -49,3 +63,17 @@ def test_units_do_not_matter(unit):
 def test_without_an_excess_there_is_no_share():
   assert share_removed({"a": 1.0}, {"a": 0.5}, {"a": 2.0}) is None
   assert share_removed({"a": 1.0}, {"a": 0.5}, {}) is None
+
+
+def test_one_block_of_driving_has_no_interval_and_forbids_no_twin():
+  """What was driven for three seconds says nothing of how far its error would scatter."""
+  observations = observe(drive(1)[:1], VEHICLE)
+  one = dataclasses.replace(observations, block=np.zeros_like(observations.block))
+  errors, floors = np.stack([np.ones(len(one)), np.full(len(one), 1.1)]), ({}, {})
+  found = channel_fit(one, errors, "yaw_rate", floors, np.random.default_rng(0))
+  assert found.after == pytest.approx(1.1 * found.before) and np.isnan(found.ci95).all()
+  assert surely_worse([held_out_error("holdout", "yaw_rate", found)], usual_levels()) == ()
+  row = error_table("", {"yaw_rate": found}).rows[0]
+  assert row[-1] is None
+  two = channel_fit(observations, errors, "yaw_rate", floors, np.random.default_rng(0))
+  assert two.ci95 == pytest.approx((0.1, 0.1)) and len(np.unique(observations.block)) > 1

@@ -13,7 +13,6 @@ from calibration.diagnosis.score import (
   compare,
   compared,
   errors_taken_off,
-  evidence,
   held_out,
   prior_part,
 )
@@ -83,15 +82,6 @@ def test_groups_are_recordings_or_stretches_where_those_are_few():
   assert len(np.unique(group)) > len(np.unique(few.recording))
   for kind in np.unique(group):
     assert len(np.unique(few.recording[group == kind])) == 1
-
-
-def test_evidence_of_a_known_drop_of_variance(offset_pool):
-  observations, base = offset_pool.problem.observations, offset_pool.base
-  half = rig.solved(offset_pool.problem)
-  half.residual = 0.5 * base.residual
-  half.values = base.values.copy()
-  total = np.sum(base.residual[: base.n_train] ** 2)
-  assert evidence(half, base, observations) == pytest.approx(0.5 * total * np.log(4.0), rel=1e-9)
 
 
 def test_prior_part_counts_standard_deviations(offset_pool):

@@ -130,11 +130,16 @@ def test_curves_must_not_lose_in_one_channel_more_than_all_gain(monkeypatch, rat
 def test_what_speaks_against_curves_is_said(outcome, monkeypatch):
   """Against the recalibrated twin what would against a repair; against the one written without them, what they lose."""
   sure = {"accel_y": ChannelFit(1.0, 1.1, 0.1, 0.1, (0.05, 0.2), "m/s^2", 100)}
-  found = SimpleNamespace(shipped=("curved car", np.zeros(1)), shipped_shift=0, dataset="linear car")
+  found = SimpleNamespace(shipped=Written("curved car", np.zeros(1), "", 0), unseen=Written("then", np.zeros(1), "", 0))
   dataset = SimpleNamespace(role=lambda role: [role])
   outcome.diagnosis = dataclasses.replace(outcome.diagnosis, validate=fits(yaw_rate=0.5), holdout=fits(yaw_rate=0.5))
   told = {"recalibrated": Judged(fits(yaw_rate=0.5)), "repaired": Judged(fits(yaw_rate=0.9))}
-  judges = lambda first, second, recordings: told[first.note.split()[0]]
+  stood = {"holdout": "curved car", "validate": "then"}  # what judged had not been fitted to yet
+
+  def judges(first, second, recordings):
+    assert second.twin == stood[recordings[0]]
+    return told[first.note.split()[0]]
+
   monkeypatch.setattr(after_diagnosis, "judge", judges)
   roles, against = judged_with_curves(found, outcome, dataset)
   assert set(roles) == {"validate", "holdout"} and against == ()

@@ -6,7 +6,7 @@ from calibration.diagnosis.decision.decide import decide
 from calibration.diagnosis.decision.evidence import FILE, read_evidence
 from calibration.diagnosis.search.gather import gather
 from calibration.diagnosis.staged import FOLDER, NOWHERE, RANKING, Staged
-from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.file import command_shift_of, load_twin
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -17,8 +17,9 @@ def test_what_is_ready_can_be_read_and_gone_on_with(offset_pool, tmp_path):
   twin = Twin(Vehicle.load(), select(["steering_offset"]), threads=1)
   theta = twin.parameters.nominal
   theta[twin.parameters.index("mass")] *= 1.01
-  staged.base(twin, theta)
+  staged.base(twin, theta, -1)
   again, values = load_twin(folder / "recalibrated.toml")
+  assert command_shift_of(folder / "recalibrated.toml") == -1  # else it would be driven a period late
   assert again.parameters.named(values)["mass"] == theta[twin.parameters.index("mass")]
   staged.scanned(offset_pool.signatures)
   told = json.loads((folder / RANKING).read_text())
@@ -30,6 +31,14 @@ def test_what_is_ready_can_be_read_and_gone_on_with(offset_pool, tmp_path):
   assert read_evidence(folder / FILE) == evidence
   staged.end()
   assert not folder.exists()
+
+
+def test_what_another_run_left_is_not_taken_for_this_one(offset_pool, tmp_path):
+  """A run that was stopped after its search left evidence; the next one, stopped in its scan, has none."""
+  evidence, twin = gather(offset_pool), Twin(Vehicle.load(), select([]), threads=1)
+  Staged(tmp_path).weighed(evidence, decide(evidence))
+  Staged(tmp_path).base(twin, twin.parameters.nominal, 0)
+  assert [file.name for file in (tmp_path / FOLDER).iterdir()] == ["recalibrated.toml"]
 
 
 def test_nowhere_nothing_is_written(offset_pool, tmp_path, monkeypatch):

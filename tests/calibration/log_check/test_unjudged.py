@@ -1,5 +1,7 @@
 """What a log cannot tell is said: a scale that only accelerometers witness, an age, which way a heading points."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,9 @@ def test_a_scale_of_the_speed_that_only_accelerometers_witness_is_said_with_what
   (text,) = about(checked(alone | {"speed": factor * columns["speed"]}, time), "scale of speed cannot be judged")
   shown = float(text.split("accel_y shows ")[1].split(" ")[0])
   assert shown == pytest.approx(1.0 / factor, abs=0.03)
+  # what noise makes of it is no zero, and is not how well the scale is known
+  chance = re.search(r"accel_y shows [0-9.]+ of .+?, ± ([0-9.e-]+) by its noise alone", text)
+  assert chance is not None and 0.0 < float(chance.group(1)) < 0.05
 
 
 def test_where_a_pose_witnesses_the_speed_its_scale_is_judged(driven):

@@ -155,12 +155,16 @@ class Trials:
 
 def fitted_form(names: tuple[str, ...], fitted: Candidate, test: Test, trials: Trials) -> Form:
   """Mechanisms as a refitted twin has them, with what the twin that they were set against is worth against it."""
-  problem = trials.problem
-  spread = clustered_std(fitted, problem.observations)
-  own = [p.name for name in names for p in problem.mechanism(name).parameters]
-  at = {name: fitted.free.index(name) for name in own}
-  values, std = ({n: float(x[i]) for n, i in at.items()} for x in (fitted.values, spread))
-  return Form(names, values, std, test.worse, borne(fitted, trials))
+  return Form(names, *sizes_of(names, fitted, trials.problem), test.worse, borne(fitted, trials))
+
+
+def sizes_of(names: Sequence[str], model: Candidate, problem: Problem) -> tuple[dict[str, float], dict[str, float]]:
+  """Values and deviations of mechanisms' parameters in a fitted model, by name."""
+  at = {p.name: model.free.index(p.name) for name in names for p in problem.mechanism(name).parameters}
+  values, std = (
+    {n: float(x[i]) for n, i in at.items()} for x in (model.values, clustered_std(model, problem.observations))
+  )
+  return values, std
 
 
 def fit_together(problem: Problem, models: Sequence[Candidate], plainest: Candidate | None = None) -> list[Candidate]:

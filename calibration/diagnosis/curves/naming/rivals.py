@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.curves.naming.additions import open_questions
 from calibration.diagnosis.curves.naming.forms import LEVEL, Outline
-from calibration.diagnosis.curves.naming.refits import Test, Trials, borne, fit_together, tested
+from calibration.diagnosis.curves.naming.refits import Test, Trials, borne, fit_together, sizes_of, tested
 from calibration.diagnosis.curves.naming.removals import asked_of, matters, parameters_of, without_each
-from calibration.diagnosis.scan import Projector, explained, trial_starts
-from calibration.diagnosis.score import clustered_std
+from calibration.diagnosis.scan import Projector, explained, resized, trial_starts, varied, worth_starting
 from calibration.fitting.likelihood import Problem
 from calibration.progress import Progress, silent
 from qcar_twin.twin.mechanisms.base import Mechanism
@@ -80,9 +79,7 @@ def renamed(outline: Outline, exchanged: Sequence[tuple[str, str]], trials: Tria
       names = tuple(came if name == went else name for name in names)
   if form is None or names == form.mechanisms or not set(names) <= set(trials.forms):
     return outline
-  free, spread = trials.base.free, clustered_std(trials.base, trials.problem.observations)
-  at = {p.name: free.index(p.name) for name in names for p in trials.problem.mechanism(name).parameters}
-  values, std = ({n: float(x[i]) for n, i in at.items()} for x in (trials.base.values, spread))
+  values, std = sizes_of(names, trials.base, trials.problem)
   said = dataclasses.replace(form, mechanisms=names, values=values, std=std)
   others = [f for f in outline.forms if f is not form and f.mechanisms != names]
   return dataclasses.replace(outline, forms=(said, *others))
@@ -150,30 +147,15 @@ def _explained(model: Candidate, changes: Sequence[Change]) -> dict[str, tuple[f
     change = project(whole[None])[0]
     gain = explained(change, left, mechanism.signed)
     if gain > best.get(mechanism.name, (-1.0, {}))[0]:
-      best[mechanism.name] = gain, _sized(mechanism, start, -float(left @ change) / max(float(change @ change), 1e-12))
+      size = worth_starting(-float(left @ change) / max(float(change @ change), 1e-12))
+      best[mechanism.name] = gain, resized(mechanism, start, size)
   return best
-
-
-def _sized(mechanism: Mechanism, start: Mapping[str, float], size: float) -> dict[str, float]:
-  """First values with the amplitude so many times as large; a tenth at least, since nothing has no slope to follow."""
-  size = size if abs(size) > 0.1 else 0.1
-  return {
-    p.name: start[p.name]
-    if p.null is None
-    else float(np.clip(p.null + size * (start[p.name] - p.null), p.lower, p.upper))
-    for p in mechanism.parameters
-    if p.name in start
-  }
 
 
 def _changes(problem: Problem, model: Candidate, mechanisms: Sequence[Mechanism]) -> list[Change]:
   """What effects change of the residuals of a model, (K,) each."""
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, (_SIZE,), problem.driving)]
-  thetas = np.tile(model.theta, (len(jobs), 1))
-  for row, (_, start) in zip(thetas, jobs, strict=True):
-    for name, value in start.items():
-      row[problem.parameters.index(name)] = value
-  made = []
+  thetas, made = varied(problem, model.theta, [start for _, start in jobs]), []
   for i in range(0, len(jobs), _BATCH):
     changed = problem.fitted_residual(thetas[i : i + _BATCH]) - model.residual[: model.n_train]
     made += [(*job, change) for job, change in zip(jobs[i : i + _BATCH], changed, strict=True)]

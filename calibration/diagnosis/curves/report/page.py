@@ -250,13 +250,10 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
     ("holdout", "Held-out recordings, opened once at the end", found.errors),
     ("validate", "Validation recordings, which decide what is written", found.judged),
   )
-  kinds = {role: (caption, {**errors, **_repaired(diagnosed, role)}) for role, caption, errors in roles if errors}
+  repaired = lambda role: {"diagnosed": diagnosed[role]} if diagnosed.get(role) else {}
+  kinds = {role: (caption, {**errors, **repaired(role)}) for role, caption, errors in roles if errors}
   tables = [_error_table(caption, errors) for caption, errors in kinds.values()]
   return Section("What it gains", text, tables, [_error_chart(kinds["holdout"][1])] if found.errors else [])
-
-
-def _repaired(diagnosed: Errors, role: str) -> dict[str, Mapping[str, float]]:
-  return {"diagnosed": diagnosed[role]} if diagnosed.get(role) else {}
 
 
 def _error_table(caption: str, errors: Errors) -> Table:

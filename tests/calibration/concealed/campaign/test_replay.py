@@ -77,3 +77,10 @@ def test_evidence_that_is_kept_in_one_archive_is_that_of_the_cases(results, tmp_
   cases = list(kept_cases(results))
   write_kept(tmp_path / "evidence.jsonl.xz", cases)
   assert kept_in([tmp_path / "evidence.jsonl.xz"]) == cases
+
+
+def test_a_rule_with_another_of_the_numbers_evidence_was_gathered_with_is_refused(results):
+  """It would change nothing, and two columns alike would say that the number does not matter."""
+  other = dataclasses.replace(usual_levels(), cap=1.0)
+  with pytest.raises(ValueError, match="rule 'other' has cap = 1, but kept evidence was gathered with 10"):
+    table(list(kept_cases(results)), {"usual": usual_levels(), "other": other})

@@ -32,8 +32,8 @@ def case(t, nats, right=(), generator="first", names=1, at_bound=False):
   """A case in which several names alike were weighed: held-out t, and nats ahead of nothing."""
   test = Comparison(t, t, 1.0, (0.0,) * 8, 1.0, drop=nats)
   spread = dataclasses.replace(test, blocks=tuple(np.sqrt(7.0 / 8.0) * np.array([1.0, -1.0] * 4) / np.sqrt(8.0)))
-  named = [Named(f"name_{k}", spread, nats, at_bound, (), ()) for k in range(names)]
-  models = (Model((), 0.0, 0.0), *(Model((n.name,), nats, 0.0, (n,)) for n in named))
+  named = [Named(f"name_{k}", spread, at_bound, (), ()) for k in range(names)]
+  models = (Model((), 0.0), *(Model((n.name,), nats, (n,)) for n in named))
   kind = "single" if right else "null"
   return Kept("case", kind, tuple(frozenset([r]) for r in right), Evidence("", models, ()), generator)
 

@@ -15,13 +15,13 @@ BLOCKS, MECHANISMS = 40, 30
 
 
 def named(scores, name="any"):
-  return Named(name, Comparison(0.0, 0.0, 0.0, (), 0.0), 0.0, False, (), (), scores=tuple(scores))
+  return Named(name, Comparison(0.0, 0.0, 0.0, (), 0.0), False, (), (), scores=tuple(scores))
 
 
 def evidence_of(scores):
   """Evidence of a data set with these scores, (M, B)."""
   rows = tuple(Scanned(str(m), 1.0, None, tuple(row)) for m, row in enumerate(scores.tolist()))
-  return Evidence("", (Model((), 0.0, 0.0),), rows)
+  return Evidence("", (Model((), 0.0),), rows)
 
 
 def noise(random, alike=0.7):

@@ -29,6 +29,20 @@ def test_a_right_name_is_claimed_and_leaves_nothing_over(offset_pool):
   assert decision.claims[0].probability > 0.8
 
 
+def test_a_claim_and_what_it_is_ranked_with_count_alike(offset_pool):
+  """Both by how much better the recordings are fitted: no name explains more than the twin without it gets wrong."""
+  noisy = 0.3  # weights of a search come from what its best model leaves, so that the base is far above them
+  weights = dataclasses.replace(offset_pool.problem.weighting, std=noisy * offset_pool.problem.weighting.std)
+  pool = rig.pool_of(offset_pool.problem.reweighted(weights))
+  right = pool.models[frozenset(["steering_offset"])]
+  decision = decided(pool)
+  assert [c.mechanism for c in decision.claims] == ["steering_offset"]
+  assert decision.claims[0].evidence_nats == pytest.approx(pool.base.cost - right.cost, rel=1e-5)
+  assert (
+    decision.claims[0].evidence_nats < pool.base.cost and decision.ranking[0][1] == decision.claims[0].evidence_nats
+  )
+
+
 def test_a_clean_car_gets_no_claim(clean_pool):
   decision = concluded(clean_pool, decided(clean_pool))
   assert decision.claims == () and decision.verdict == "no_mismatch"
@@ -51,7 +65,7 @@ def smooth(size, t=4.0, blocks=36):
 
 def said(decision, before, after):
   """The verdict on a decision where the recalibrated twin and the model behind the claims leave something."""
-  evidence = Evidence("linear car", (Model((), 0.0, 0.0),), ()).with_left((), before)
+  evidence = Evidence("linear car", (Model((), 0.0),), ()).with_left((), before)
   return conclude(decision, evidence.with_left(decision.mechanisms, after), usual_levels())
 
 
@@ -63,6 +77,15 @@ def test_a_name_that_leaves_much_over_is_doubted(offset_pool):
   assert decision.verdict == "partly_explained"
   assert decision.claims[0].probability == pytest.approx(levels.doubt * right.claims[0].probability)
   assert left(0.9 * levels.remains).verdict == "explained"
+
+
+def test_doubt_on_a_name_is_no_gain_of_the_names_like_it(offset_pool):
+  """What the claim loses is nobody's: the mixture that cars are drawn from has it as the car without either."""
+  right, most = decided(offset_pool), smooth(8.0 * usual_levels().material)
+  like = dataclasses.replace(right.claims[0], probability=0.5, shared=0.9, indistinguishable_from=("side_force",))
+  doubted = said(dataclasses.replace(right, claims=(like,)), [most], [most]).claims[0]
+  assert not doubted.certain
+  assert doubted.probability / doubted.shared == pytest.approx(0.5 / 0.9)
 
 
 def test_smooth_structure_is_what_is_large_and_not_by_chance():
@@ -196,7 +219,7 @@ def test_a_sensors_age_is_claimed_where_it_departs_as_a_figure_does(biased_pool)
 def test_where_a_chance_is_stated_as_many_sensors_are_unusual(axes):
   levels, test = dataclasses.replace(usual_levels(), unusual=0.05), Comparison(0.0, 0.0, 0.0, (), 0.0)
   draws = np.random.default_rng(0).standard_normal((4000, axes))
-  named = (Named("", test, 0.0, False, (), (), deviations=tuple(row)) for row in draws.tolist())
+  named = (Named("", test, False, (), (), deviations=tuple(row)) for row in draws.tolist())
   assert np.mean([beyond_usual(n, levels) for n in named]) == pytest.approx(0.05, abs=0.015)
 
 

@@ -110,8 +110,8 @@ GYRO = Measured("imu_latency", 0.0, 0.005, 0.1, 0.01, "s", usual=True)
 )
 def test_a_name_reconciles_where_a_figure_departs_without_it_and_none_departs_instead(without, measured, said):
   test = Comparison(gain=0.0, t=0.0, share_positive=0.0, blocks=(), before=1.0)
-  name = Named("payload", test, 0.0, False, (), (), without=without)
-  assert reconciles(name, Model(("payload",), 0.0, 0.0, measured=measured), LEVELS) == said
+  name = Named("payload", test, False, (), (), without=without)
+  assert reconciles(name, Model(("payload",), 0.0, measured=measured), LEVELS) == said
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_name_reconciles_where_a_figure_departs_without_it_and_none_departs_in
 def test_what_explains_something_else_is_no_alternative(nats, beside, margin):
   test = Comparison(gain=0.0, t=0.0, share_positive=0.0, blocks=(), before=1.0, drop=100.0)
   rival = Alternative("differential_lock", nats, 1.0, False, 1.0, 0.0, beside)
-  named = Named("command_delay", test, 0.0, False, (), (), alternatives=(rival,))
+  named = Named("command_delay", test, False, (), (), alternatives=(rival,))
   assert named.margin() == pytest.approx(margin) and named.margin(("differential_lock",)) == 100.0
 
 

@@ -12,7 +12,9 @@ from calibration.diagnosis.formula.finding import find_formula
 from calibration.diagnosis.formula.minimum import at_minimum, thinned
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
+from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.score import clustered_std
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
 from calibration.fitting.slopes import NotFinite
@@ -81,8 +83,10 @@ def test_the_base_takes_over_what_it_can(case):
 def test_from_there_base_and_formula_come_to_the_truth_together(case):
   problem, winner, priors = case
   found = with_drag(problem, [winner], priors)
-  value, std = found.model.estimate("unnamed_force_x_1")
+  ((_, value, std),) = found.values
   assert value == pytest.approx(-1.2, abs=4.0 * std) and std < 0.06
+  scatter = clustered_std(found.model, problem.observations)[found.model.free.index("unnamed_force_x_1")]
+  assert std == scatter >= found.model.estimate("unnamed_force_x_1")[1]
   assert np.abs((found.model.values[: len(FREE)] - priors.nominal) / found.model.std[: len(FREE)]).max() < 4.0
   assert found.judged is not None and found.held_out.t > 10.0 and found.judged.t > 10.0
   turning = np.abs(problem.predict(winner.theta[None]).signals[..., SIGNALS.index("yaw_rate")]).max()
@@ -122,7 +126,7 @@ def test_of_a_long_log_a_share_is_kept_of_what_is_fitted_and_of_what_judges(case
   assert len(whole.observations) == len(problem.observations) and same.n_train == winner.n_train
 
 
-def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
+def test_a_car_that_flies_apart_leaves_the_verdict_alone_and_the_page_says_so(case, tmp_path, monkeypatch):
   problem, winner, priors = case
   pool = Pool(problem, priors, {frozenset(): winner}, {}, NOISE)
 
@@ -131,7 +135,10 @@ def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
 
   monkeypatch.setattr(after, "at_minimum", flies)
   decision = Decision("unexplained", (), (), (), None, ())
-  assert after.formula_left(pool, decision, [], Cut()) is None
+  shipped = after.formula_left(pool, decision, [], Cut())
+  assert not shipped.kept and write_formula(shipped, tmp_path, "a session") == []
+  (section,) = formula_sections(shipped)
+  assert "broke off (the simulation is not finite when mass moves)" in section.text
 
 
 @pytest.mark.slow

@@ -30,8 +30,13 @@ class Model:
 
   theta: np.ndarray
 
-  def estimate(self, name: str) -> tuple[float, float]:
-    return -1.19, 0.06
+
+class Stated(Refitted):
+  """With its number as it is."""
+
+  @property
+  def values(self):
+    return [(p, -1.19, 0.06) for p in self.mechanism.parameters]
 
 
 @dataclasses.dataclass
@@ -50,7 +55,7 @@ def found_of(kind: str = "formula", why: str = "") -> Found:
   force = Recovered("force_x", 110.0, 1.0, 0.01, car.force / car.scale, np.full(car.force.shape, 0.001))
   twin, theta = twin_with(yaw_drag(), unnamed_force_x_1=-1.19)
   gain = Comparison(100.0, 5.0, 0.8, np.full(10, 10.0), 900.0)
-  refit = Refitted(yaw_drag(), Driven(twin), Model(theta), Model(theta), gain, gain)  # type: ignore[arg-type]
+  refit = Stated(yaw_drag(), Driven(twin), Model(theta), Model(theta), gain, gain)  # type: ignore[arg-type]
   sought = Sought(force, car.responses(), driven, forms)
   return Found(sought, ("motor_torque",), kind, why, refit, 12.0)
 
@@ -102,4 +107,12 @@ def test_what_held_out_recordings_speak_against_is_not_written(after: float, fil
   if files:
     twin, theta = load_twin(tmp_path / TWIN, threads=1)
     assert theta[twin.parameters.index("unnamed_force_x_1")] == -1.19
-  assert write_formula(None, tmp_path, "a log") == []
+  (tmp_path / TWIN).touch()
+  assert write_formula(None, tmp_path, "another log") == [] and not (tmp_path / TWIN).exists()
+
+
+def test_without_held_out_recordings_nothing_is_said_of_their_errors():
+  (section,) = formula_sections(Shipped(found_of(), {}))
+  assert "%" not in section.text and "no held-out recordings" in section.text
+  (worse,) = formula_sections(Shipped(found_of(), errors(10.5)))
+  assert "adds 5 % to the held-out errors" in worse.text and "off the held-out" not in worse.text

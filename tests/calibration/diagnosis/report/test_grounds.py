@@ -11,7 +11,9 @@ from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.report.grounds import priors
 from calibration.diagnosis.report.page import verdict
 from calibration.diagnosis.report.wording import departures_sentence
+from calibration.diagnosis.score import clustered_std
 from calibration.diagnosis.search.gather import measured_figures
+from qcar_twin.pages.numbers import spread
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import select
 from tests.calibration.diagnosis import diagnosis_rig as rig
@@ -64,3 +66,17 @@ def test_a_contradiction_is_in_the_verdict_and_in_the_table(clean_pool):
   assert departures_sentence(apart, [claimed]).strip() == said.split(" Unusual")[0]
   assert "mass: contradicts what was measured, by 21.0 deviations" in priors(told).text
   assert "contradicts what was measured, by" not in priors(nothing).text
+
+
+def test_deviations_of_parameters_are_by_the_scatter_of_recordings(offset_pool):
+  """As a claim's are: neighbouring samples share what disturbs them, and are no independent witnesses."""
+  disturbed = dataclasses.replace(offset_pool.base, residual=offset_pool.base.residual.copy())
+  recording = offset_pool.problem.observations.recording
+  disturbed.residual += np.random.default_rng(0).normal(size=recording.max() + 1)[recording]
+  pool = dataclasses.replace(offset_pool, models=offset_pool.models | {frozenset(): disturbed})
+  (table,) = priors(diagnosis_of(pool, (), "no_mismatch")).tables
+  told = {row[0]: row[3] for row in table.rows}
+  scatter = dict(zip(disturbed.free.names, clustered_std(disturbed, pool.problem.observations), strict=True))
+  for name, std in scatter.items():
+    assert told[name] == spread(disturbed.estimate(name)[0], float(std))
+  assert max(scatter[name] / disturbed.estimate(name)[1] for name in scatter) > 2.0

@@ -271,3 +271,11 @@ def test_beside_a_name_beyond_doubt_what_bends_is_tried_whatever_the_scan_promis
   assert _nominate_pairs(clean_pool, 0) == []
   blind = {n: dataclasses.replace(s, shown=0.0) for n, s in offset_pool.signatures.items()}
   assert _nominate_pairs(dataclasses.replace(offset_pool, signatures=blind), 5) == []
+
+
+def test_what_these_channels_cannot_show_leaves_nothing_to_search_for(clean_pool):
+  """However much of the error it would explain: nothing was refitted that broke a promise."""
+  blind = dataclasses.replace(clean_pool.signatures["side_force"], shown=0.0, gain=500.0)
+  pool = dataclasses.replace(clean_pool, models={frozenset(): clean_pool.base}, signatures={"side_force": blind})
+  refine_stalled(pool)
+  assert list(pool.models) == [frozenset()]

@@ -47,6 +47,22 @@ def test_noise_leaves_nothing_over():
   assert max(i.nats for i in items.values() if i.family == "rhythm") < 2.5  # ten stretches scatter by 0.3 each way
 
 
+@pytest.mark.parametrize(("family", "columns"), [(heading, 8), (places, 36)])
+def test_one_recording_without_a_pose_takes_it_from_no_other(family, columns):
+  """What is tied to a place or turns with the heading shows where the pose is known, and says nothing elsewhere."""
+  pool = rig.session({}, seed=11, pose=True)
+  observations, prediction = pool.problem.observations, pool.problem.predict(pool.base.theta[None])
+  segments = observations.stretches.segments
+  whole, blind = family(observations, prediction), np.array([name == "run_0" for name in segments.recording])
+  lacking = np.where(blind[:, None, None], np.nan, segments.pose)
+  stretches = dataclasses.replace(observations.stretches, segments=dataclasses.replace(segments, pose=lacking))
+  found = family(dataclasses.replace(observations, stretches=stretches), prediction)
+  assert found.shape == whole.shape == (*segments.pose.shape[:2], columns)
+  assert not found[blind].any() and found[~blind].any(axis=(1, 2)).all()
+  if family is heading:
+    assert np.array_equal(found[~blind], whole[~blind])
+
+
 def test_an_effect_the_model_lacks_is_left_over_until_it_is_modelled(offset_pool):
   before = found(offset_pool)
   after = found(offset_pool, offset_pool.models[frozenset(["steering_offset"])])

@@ -147,7 +147,7 @@ def test_the_simpler_stays_unless_it_is_refused(monkeypatch, more, t, nats, take
 
 
 def test_a_form_gets_the_name_of_what_took_its_place(monkeypatch):
-  monkeypatch.setattr(rivals, "clustered_std", lambda model, observations: np.full(len(model.free), 0.25))
+  monkeypatch.setattr(refits, "clustered_std", lambda model, observations: np.full(len(model.free), 0.25))
   curve = lambda name: effect(name, "" if name == "sag" else "steering_curve")
   trials = Fake(("lock", "sag"))
   trials.problem.mechanism, trials.problem.observations = curve, None
