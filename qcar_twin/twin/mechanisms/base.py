@@ -140,9 +140,9 @@ class Model(Protocol):
   `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side], `supply_sag` [1/V^2],
   `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
   `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
-  `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `ackermann_fraction` [-],
-  `added_mass` [kg], `added_mass_x` [m, from the
-  CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
+  `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `steering_hold` [periods, below 2, for which
+  the servo still goes to the angles told before], `ackermann_fraction` [-], `added_mass` [kg], `added_mass_x` [m, from
+  the CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
   """
 
   def get(self, quantity: str) -> Array:
