@@ -203,6 +203,8 @@ class Mechanism:
       speed alone.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
       subsystem "drive".
+    whole: amplitudes whose upper bound is where the physics ends, all of what there is to lose, and no end of a search:
+      one that goes there is not stretched.
     imitated_by: ids of mechanisms, of one amplitude each in the same unit, that do together what it does: a search also
       begins where what they have in common is put on it.
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
@@ -228,6 +230,7 @@ class Mechanism:
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
   outlined_by: ClassVar[str] = ""
+  whole: ClassVar[tuple[str, ...]] = ()
   imitated_by: ClassVar[tuple[str, ...]] = ()
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
   fitted_rank: ClassVar[int] = 100

@@ -132,6 +132,11 @@ def test_what_is_sought_far_has_room(mechanism):
 
 
 @each
+def test_where_the_physics_ends_is_a_bound_of_an_amplitude(mechanism):
+  assert set(mechanism.whole) <= {p.name for p in mechanism.parameters if p.null is not None}
+
+
+@each
 def test_hooks_are_those_of_the_stage(mechanism):
   stage = {"command": "command", "actuator": "command", "force": "wrench", "contact": "write_model"}
   stage["sensor"] = "measure"
