@@ -26,7 +26,11 @@ def completed(
     with_it, said = with_speed(piece)
     whole, by_hand = _driven_by_hand(with_it, vehicle, label)
     if not {"speed", "motor_speed"} & set(whole.channels):
-      raise RecordingError(f"{label}: no speed can be had from the pose, which has too few samples; log a speed")
+      span = f"from {piece.start:.2f} s to {piece.end:.2f} s"
+      raise RecordingError(
+        f"{label}: {span} the pose has too few samples to give a speed; leave out the [[recording]] of those seconds, "
+        "make it longer, or log a speed"
+      )
     out.append(whole)
     notes += [*said[: not notes], *by_hand]
   return out, list(dict.fromkeys(notes))

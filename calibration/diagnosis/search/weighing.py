@@ -21,12 +21,14 @@ def shown_size(pool: Pool, model: Candidate, name: str) -> float:
 def stretched(pool: Pool, model: Candidate, name: str) -> bool:
   """Whether an amplitude went as far as it may, to a standard deviation.
 
-  What it then makes up for is more often something else.
+  What it then makes up for is more often something else. A bound where the physics ends is one of its values.
   """
-  for p in pool.problem.mechanism(name).parameters:
+  mechanism = pool.problem.mechanism(name)
+  for p in mechanism.parameters:
     if p.null is None or p.name not in model.free:
       continue
     value, std = model.estimate(p.name)
-    if any(abs(value - bound) < max(std, 1e-6 * p.scale) for bound in (p.lower, p.upper) if bound != p.null):
+    bounds = {p.lower, *(() if p.name in mechanism.whole else (p.upper,))} - {p.null}
+    if any(abs(value - bound) < max(std, 1e-6 * p.scale) for bound in bounds):
       return True
   return False

@@ -16,7 +16,7 @@ from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settl
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
-from qcar_twin.recordings.first_dataset.roles import Part, share_out
+from qcar_twin.recordings.first_dataset.roles import Part, as_driven, share_out
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
 from qcar_twin.recordings.first_dataset.scales.speed import (
   asked_of_speed,
@@ -58,7 +58,8 @@ class Proposal:
 
 
 def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, mass: float | None = None) -> Proposal:
-  """A first dataset.toml for logs in the order they were driven; `Table.label` is the file's name in the folder.
+  """A first dataset.toml for logs; `Table.label` is the file's name in the folder. Where every clock is a date's they
+  are listed in the order they were driven, else as they are given.
 
   Args:
     wheelbase, mass: of the car, m and kg, where a person says them; the log's turning and the wheelbase tell else.
@@ -102,7 +103,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   car = Car(vehicle, known, kind, why, said, turns_like, gearing)
   if topics is None:
     settle_turns(guesses, car.sizes, recordings_of(columns, guesses))
-  recordings = recordings_of(columns, guesses)
+  recordings = as_driven(recordings_of(columns, guesses))
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
   questions = (*(question.text for question in asked), *unsure)

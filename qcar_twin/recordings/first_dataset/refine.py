@@ -19,6 +19,7 @@ from qcar_twin.recordings.first_dataset.scales.clock import in_time
 from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.recordings.row_clock import origin_of, stamps
 from qcar_twin.recordings.unit_names import words_of
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -54,11 +55,12 @@ _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it
 
 def recordings_of(columns: Columns, guesses: Mapping[str, Guess]) -> list[Recording]:
   """The logs as the guesses read them; those that cannot be read so are left out."""
-  mapping = {channel: guess.mapped for channel, guess in guesses.items()}
-  recordings = []
+  mapping, recordings = {channel: guess.mapped for channel, guess in guesses.items()}, []
   for table in columns.tables:
     try:
-      read = Recording(table.label, streams_of(table, resolve(table, mapping))[0], table.label)
+      by = resolve(table, mapping)
+      first = origin_of(stamps(table, by["time"]))
+      read = Recording(table.label, streams_of(table, by)[0], table.label, origin=(first, 0.0, 0.0))
       recordings.append(with_speed(read)[0])
     except RecordingError:
       continue

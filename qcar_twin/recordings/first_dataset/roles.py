@@ -6,6 +6,7 @@ Many files share the roles out in turn, so that every kind of driving has each; 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -35,6 +36,16 @@ class Part:
   why: str = ""
   why_manoeuvre: str = ""
   name: str = ""
+
+
+def as_driven(recordings: Sequence[Recording]) -> list[Recording]:
+  """The same recordings in the order they were driven, where every clock is a date's and one ends before the next
+  begins; else as they are given: the names of files seldom tell, and heat and charge carry on from one to the next."""
+  if not all(recording.origin[0] for recording in recordings):
+    return list(recordings)
+  in_turn = sorted(recordings, key=lambda recording: recording.origin[0] + recording.start)
+  apart = all(a.origin[0] + a.end <= b.origin[0] + b.start for a, b in pairwise(in_turn))
+  return in_turn if apart else list(recordings)
 
 
 def share_out(recordings: Sequence[Recording], drive_steps: str) -> list[Part]:

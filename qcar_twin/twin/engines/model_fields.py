@@ -28,6 +28,7 @@ OTHER = (
   "servo_time_constant",
   "servo_inertia",
   "servo_rate",
+  "steering_hold",
   "ackermann_fraction",
   "centre_differential",
   "suspension_frequency",
@@ -140,7 +141,7 @@ class Fields:
     if "differential_friction" in changed:
       for tendon in self._differential_tendons:
         self._batch.expand("tendon_frictionloss")[rows, tendon] = self.values["differential_friction"][rows]
-    if changed & {"servo_time_constant", "servo_inertia", "servo_rate"}:
+    if changed & {"servo_time_constant", "servo_inertia", "servo_rate", "steering_hold"}:
       self._write_servo()
     if "ackermann_fraction" in changed:
       curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
@@ -155,12 +156,12 @@ class Fields:
         self._batch.expand("dof_damping")[rows, model.jnt_dofadr[joint]] = damping
 
   def _write_servo(self) -> None:
-    """MuJoCo's filter is a servo of first order. One of second order or of limited rate is led from step to step, and
-    the filter passes on what it is told."""
+    """MuJoCo's filter is a servo of first order. One of second order, of limited rate or told within a period is led
+    from step to step, and the filter passes on what it is told."""
     lag, rate = self.values["servo_time_constant"], self.values["servo_rate"]
     self.servo = transition(lag, self.values["servo_inertia"], self._timestep)
     self.servo_most = most_moved(rate, lag, self._timestep)
-    self.led = (self.values["servo_inertia"] > 0.0) | np.isfinite(rate)
+    self.led = (self.values["servo_inertia"] > 0.0) | np.isfinite(rate) | (self.values["steering_hold"] > 0.0)
     self._batch.expand("actuator_dynprm")[:, self._handles.steering, 0] = np.where(self.led, _AT_ONCE, lag)
 
   def _write_damper(self, equality: int, tendon: int, damping: Array, rows: Rows) -> None:

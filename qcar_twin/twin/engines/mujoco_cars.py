@@ -41,6 +41,7 @@ class MujocoCars:
     self._xfrc, self._sensordata = batch.bind("xfrc_applied"), batch.bind("sensordata")
     self._handles = Handles.of(batch.model)
     self._servo_rate = np.zeros(len(batch.qpos))  # times the servo's lag, rad
+    self._told = np.zeros((2, len(batch.qpos)))  # angles that servos were told in the two periods before, rad
     self._limit = float(batch.model.actuator_ctrlrange[self._handles.steering, 1])
 
   def __getstate__(self) -> dict[str, Any]:
@@ -50,7 +51,7 @@ class MujocoCars:
     held = {name: np.array(batch.bind(name)) for name in (*_STATE, *_HELD)}
     return {
       "batch": (batch.model, batch.nsim, batch.nthread), "made": made, "values": self.values, "held": held,
-      "yaw": self._yaw.copy(), "servo_rate": self._servo_rate.copy(),
+      "yaw": self._yaw.copy(), "servo_rate": self._servo_rate.copy(), "told": self._told.copy(),
     }  # fmt: skip
 
   def __setstate__(self, state: dict[str, Any]) -> None:
@@ -59,7 +60,7 @@ class MujocoCars:
     self.commit()
     for name, array in state["held"].items():
       self.batch.bind(name)[:] = array
-    self._yaw, self._servo_rate = state["yaw"].copy(), state["servo_rate"].copy()
+    self._yaw, self._servo_rate, self._told = (state[name].copy() for name in ("yaw", "servo_rate", "told"))
 
   @property
   def values(self) -> dict[str, Array]:
@@ -89,7 +90,7 @@ class MujocoCars:
     self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve
     self._act[:] = 0.0
     self._act[:, -1] = s["steering_angle"]
-    self._servo_rate[:] = 0.0
+    self._servo_rate[:], self._told[:] = 0.0, s["steering_angle"]
     self._yaw = start[:, 2].copy()
     self._read(signals)
     signals[:, 6:8] = 0.0
@@ -98,6 +99,7 @@ class MujocoCars:
     for name in _STATE:
       self.batch.bind(name)[row] = other.batch.bind(name)[0]
     self._servo_rate[row], self._yaw[row] = other._servo_rate[0], other._yaw[0]
+    self._told[:, row] = other._told[:, 0]
 
   def push(self, force: Array, signals: Array) -> None:
     cosine, sine = np.cos(signals[:, 2]), np.sin(signals[:, 2])
@@ -108,24 +110,34 @@ class MujocoCars:
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     self._ctrl[:] = commands
     self._fields.drive(commands[:, 0])
+    rows = slice(None) if running is None else running
+    target = np.clip(commands[:, 1], -self._limit, self._limit)
     if self._fields.led.any():
-      self._lead(commands[:, 1], running)
+      self._lead(target, running)
     else:
       self.batch.step(running, nstep=self._substeps)
+    self._told[:, rows] = np.stack([target, self._told[0]])[:, rows]
     self._read(signals)
 
   def _lead(self, target: Array, running: NDArray[np.intp] | None) -> None:
-    """Steps with servos of second order or of limited rate."""
+    """Steps with servos of second order, of limited rate, or that go to the angle told before for a part of the period:
+    in the step in which that part ends, by their shares of the step."""
     rows = slice(None) if running is None else running
     a, b, c, d = self._fields.servo
     (step, most), led = self._fields.servo_most, self._fields.led
-    for _ in range(self._substeps):
-      held = np.clip(target, -self._limit, self._limit)
+    hold = self.values["steering_hold"]
+    longer = hold >= 1.0
+    old, new = np.where(longer, self._told[1], self._told[0]), np.where(longer, self._told[0], target)
+    for n in range(self._substeps):
+      share = np.clip((hold - longer) * self._substeps - n, 0.0, 1.0)
       angle, rate = self._act[:, -1].copy(), self._servo_rate.copy()
-      off = angle - held
-      told = angle + np.clip(held + a * off + b * rate - angle, -step, step)
+      told, going = angle.copy(), np.zeros(len(angle))
+      for part, held in ((share, old), (1.0 - share, new)):
+        off = angle - held
+        told += part * np.clip(held + a * off + b * rate - angle, -step, step)
+        going += part * np.clip(c * off + d * rate, -most, most)
       self._ctrl[led, self._handles.steering] = told[led]
-      self._servo_rate[rows] = np.clip(c * off + d * rate, -most, most)[rows]
+      self._servo_rate[rows] = going[rows]
       self.batch.step(running, nstep=1)
 
   def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:

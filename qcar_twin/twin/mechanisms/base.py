@@ -141,9 +141,9 @@ class Model(Protocol):
   `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side], `supply_sag` [1/V^2],
   `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
   `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
-  `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `ackermann_fraction` [-],
-  `added_mass` [kg], `added_mass_x` [m, from the
-  CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
+  `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `steering_hold` [periods, below 2, for which
+  the servo still goes to the angles told before], `ackermann_fraction` [-], `added_mass` [kg], `added_mass_x` [m, from
+  the CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
   """
 
   def get(self, quantity: str) -> Array:
@@ -204,6 +204,8 @@ class Mechanism:
       speed alone.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
       subsystem "drive".
+    whole: amplitudes whose upper bound is where the physics ends, all of what there is to lose, and no end of a search:
+      one that goes there is not stretched.
     imitated_by: ids of mechanisms, of one amplitude each in the same unit, that do together what it does: a search also
       begins where what they have in common is put on it.
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
@@ -229,6 +231,7 @@ class Mechanism:
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
   outlined_by: ClassVar[str] = ""
+  whole: ClassVar[tuple[str, ...]] = ()
   imitated_by: ClassVar[tuple[str, ...]] = ()
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
   fitted_rank: ClassVar[int] = 100

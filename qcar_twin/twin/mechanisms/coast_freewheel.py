@@ -23,6 +23,7 @@ class CoastFreewheel(Mechanism):
   stage = "actuator"
   link = "device"
   outlined_by = "drive_curve"
+  whole = ("coast_freewheel",)  # the circuit is open
   drives = ("voltage", "duty")
   parameters = (
     Parameter("coast_freewheel", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.6, description="braking taken away"),

@@ -1,15 +1,16 @@
 """Dead time between the commands, both of them, and the car."""
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model, State
+from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step, left_of_period, whole_delay_line
 
 
 class CommandDelay(Mechanism):
   """Both commands act a while after they were logged, or all sensors show it so late: a log tells no difference.
 
   Equation: V(t) = u_V(t - d); delta(t) = u_delta(t - d).
-  Units: d s, V V, delta rad. Parts of a period mix two neighbouring commands, which is the exact mean.
+  Units: d s, V V, delta rad. Parts of a period mix two neighbouring voltages, which is the exact mean; the servo still
+    goes to the angle that it was told before.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.04 s is two frames of 20 ms, one that a radio waits and one that servo and speed controller do.
   Confounded with: encoder_latency, imu_latency and pose_latency together, the same in a log; drive_delay together with
@@ -27,10 +28,13 @@ class CommandDelay(Mechanism):
   parameters = (Parameter("command_delay", 0.0, 0.0, 0.3, "s", "d", null=0.0, typical=0.04, description="dead time"),)
 
   def initial(self, theta: Array, context: Context) -> State:
-    line = lambda present, before: delay_line(theta[:, 0], context.period, self.parameters[0].upper, present, before)
-    voltage = line(context.commands[:, 0], backdrop(context))
-    angle = line(context.commands[:, 1], context.signal("steering_angle"))
+    delay, period, longest = theta[:, 0], context.period, self.parameters[0].upper
+    voltage = delay_line(delay, period, longest, context.commands[:, 0], backdrop(context))
+    angle = whole_delay_line(delay, period, longest, context.commands[:, 1], context.signal("steering_angle"))
     return _named(voltage, "voltage") | _named(angle, "angle")
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    model.set("steering_hold", model.get("steering_hold") + left_of_period(theta[:, 0], context.period))
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

@@ -22,6 +22,7 @@ class DriveChopped(Mechanism):
   stage = "actuator"
   link = "device"
   outlined_by = "drive_curve"
+  whole = ("drive_chopped",)  # diodes alone carry what the motor has when the transistor is off
   drives = ("voltage", "duty")
   absorbed_by_drive = True
   parameters = (

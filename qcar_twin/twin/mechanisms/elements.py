@@ -155,10 +155,23 @@ def delay_line(delay: Array, period: float, longest: float, present: Array, befo
   return {"line": line, "newest": np.zeros(len(line)), "whole": whole, "part": samples - whole}
 
 
+def whole_delay_line(delay: Array, period: float, longest: float, present: Array, before: Array) -> State:
+  """The same for whole periods alone; `left_of_period` is the rest of the delay."""
+  line = delay_line(delay, period, longest, present, before)
+  return line | {"part": np.zeros(len(delay))}
+
+
+def left_of_period(delay: Array, period: float) -> Array:
+  """What a delay in s, (n,), has beyond whole periods, in periods: below 1."""
+  samples = np.maximum(delay / period, 0.0)
+  return samples - np.floor(samples)
+
+
 def delay_step(state: State, command: Array) -> Array:
   """Push one command, (n,), and read the delayed one.
 
-  A delay of a part of a period mixes two neighbours: the exact mean over the period of held commands.
+  A delay of a part of a period mixes two neighbours: the exact mean over the period of held commands, and all that what
+  answers to a mean can tell. A servo of limited rate is none such: it sets off at its full rate for a part of a step.
   """
   line, part = state["line"], state["part"]
   size = line.shape[1]

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import delay_line, delay_step
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model, State
+from qcar_twin.twin.mechanisms.elements import delay_step, left_of_period, whole_delay_line
 
 _FRAME = 0.02  # s, in which pulses for servos come: a command waits for the next
 
@@ -13,7 +13,7 @@ class SteeringDelay(Mechanism):
   """The steering executes what was commanded a while ago.
 
   Equation: delta(t) = u(t - d).
-  Units: d s, delta and u rad. Parts of a period mix two neighbouring commands, which is the exact mean.
+  Units: d s, delta and u rad. In a part of a period the servo still goes to the angle that it was told before.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.04 s is two frames of 20 ms, in which pulses for servos come.
   Confounded with: steering_lag, imu_latency with pose_latency.
@@ -34,8 +34,11 @@ class SteeringDelay(Mechanism):
     return {"steering_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
-    longest = self.parameters[0].upper
-    return delay_line(theta[:, 0], context.period, longest, context.commands[:, 1], context.signal("steering_angle"))
+    present, before = context.commands[:, 1], context.signal("steering_angle")
+    return whole_delay_line(theta[:, 0], context.period, self.parameters[0].upper, present, before)
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    model.set("steering_hold", model.get("steering_hold") + left_of_period(theta[:, 0], context.period))
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

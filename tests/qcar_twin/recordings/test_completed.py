@@ -7,7 +7,7 @@ from calibration.log_check import check_log, heed
 from qcar_twin.recordings.completed import completed, heading_or_course
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.dataset_writer import write_dataset
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 from tests.faults.falsities import FALSITIES, SIZES, wander
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, folder_with, write_csv, write_manifest
 from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log
@@ -35,6 +35,15 @@ def test_speed_is_the_slope_of_the_pose_with_the_noise_that_is_said(tmp_path, ev
   assert run.derived == ("speed",)
   assert float(np.std(error)) == pytest.approx(said, rel=0.3) or float(np.std(error)) < 0.02
   assert abs(float(np.mean(error))) < 0.2 * said + 1e-3
+
+
+def test_a_part_too_short_for_a_speed_is_named_by_its_seconds():
+  """As a cut near a file's end leaves it: which part it is, and that leaving it out is the cure."""
+  rows, poses = 24.75 + 0.01 * np.arange(20), 24.75 + 0.05 * np.arange(4)
+  rest = Recording.from_columns("rest", rows, {"motor_voltage": np.ones(20), "steering_command": np.zeros(20)})
+  rest = rest.replace(streams=dict(rest.streams) | {name: Stream(poses, poses) for name in ("pose_x", "pose_y")})
+  with pytest.raises(RecordingError, match=r"run.csv: from 24.75 s to 24.94 s the pose .* leave out the \[\[recording"):
+    completed([rest], VEHICLE, "run.csv")
 
 
 def test_reverse_has_its_sign_where_there_is_a_heading_and_its_size_where_not(tmp_path):

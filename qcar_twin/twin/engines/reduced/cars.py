@@ -30,6 +30,7 @@ _PLAIN = {
   "torque_per_volt": "TORQUE_PER_COMMAND",
   "max_torque": "MAX_TORQUE",
   "supply_sag": "SUPPLY_SAG",
+  "steering_hold": "STEERING_HOLD",
   "motor_damping": "MOTOR_DAMPING",
   "driveline_friction": "DRIVELINE_FRICTION",
   "wheel_inertia": "WHEEL_INERTIA",
@@ -177,6 +178,7 @@ class ReducedCars:
       "YAW_RATE": s["yaw_rate"], "MOTOR": motor, "FRONT_DIFFERENCE": left - right,
       "REAR_DIFFERENCE": rear_left - rear_right, "CENTRE_DIFFERENCE": 0.5 * (left + right - rear_left - rear_right),
       "SERVO": s["steering_angle"], "SERVO_BEFORE": s["steering_angle"],
+      "TOLD": s["steering_angle"], "TOLD_BEFORE": s["steering_angle"],
     }  # fmt: skip
     self.state[:] = 0.0
     for name, value in placed.items():

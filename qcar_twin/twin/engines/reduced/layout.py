@@ -27,6 +27,8 @@ STATE = (
   "SERVO",  # mean road-wheel angle, rad
   "SERVO_BEFORE",  # of the step before
   "SERVO_RATE",  # times its lag, rad
+  "TOLD",  # angle that the servo was told in the period before, rad
+  "TOLD_BEFORE",
 )
 WHEEL_STATE = (
   "SLIP_X",
@@ -53,6 +55,7 @@ NUMBERS = (
   "SERVO_D",
   "SERVO_STEP",  # that the servo turns at most in a step, rad
   "SERVO_MOST",  # its highest rate times its lag, rad
+  "STEERING_HOLD",  # periods for which it still goes to the angles told before
   "ACKERMANN",  # half difference of the road-wheel angles per squared mean, 1/rad
   "MASS",
   "MOMENT_X",  # mass times place of the whole car, kg m

@@ -280,6 +280,11 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   const V servo_step = number(a, P_SERVO_STEP), servo_most = number(a, P_SERVO_MOST);
   const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
   const V between = number(a, P_CENTRE_DAMPING);
+  // angles that the servo goes to for the first `hold` of the period, and for the rest
+  const V told = state(a, S_TOLD), told_before = state(a, S_TOLD_BEFORE);
+  V hold = number(a, P_STEERING_HOLD);
+  const V older = pick(hold >= 1, told_before, told), newer = pick(hold >= 1, told, steering);
+  hold -= pick(hold >= 1, all(1), all(0));
 
   Fixed fixed;
   WHEELS {
@@ -353,8 +358,10 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
     Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
-    V spin2 = yaw_rate * yaw_rate, off = servo - steering;
-    V next_way = clip(clip(steering + sa * off + sb * servo_rate, stop) - servo, servo_step);
+    V spin2 = yaw_rate * yaw_rate, off = servo - newer, off_older = servo - older;
+    V still = most(least(hold * count - n, all(1)), all(0));  // share of this step that belongs to the older angle
+    V next_way = (1 - still) * clip(clip(newer + sa * off + sb * servo_rate, stop) - servo, servo_step) +
+                 still * clip(clip(older + sa * off_older + sb * servo_rate, stop) - servo, servo_step);
     V drawn = command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor;
     V torque = clip(drawn / (1 + number(a, P_SUPPLY_SAG) * command * command), number(a, P_MAX_TORQUE));
     b[VX] = m * now.x - my * yaw_rate + mz * pitch_rate + h * (f.x + m * g.x + spin2 * mx) + t.to_plane[0];
@@ -404,7 +411,8 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     c = heading.x, s = heading.y;
     servo_before = servo;
     servo += next_way;
-    servo_rate = clip(sc * off + sd * servo_rate, servo_most);
+    servo_rate = (1 - still) * clip(sc * off + sd * servo_rate, servo_most) +
+                 still * clip(sc * off_older + sd * servo_rate, servo_most);
   }
 
   put(a, S_X, x), put(a, S_Y, y), put(a, S_YAW, yaw), put(a, S_COSINE, c), put(a, S_SINE, s);
@@ -414,6 +422,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   put(a, S_MOTOR, motor), put(a, S_FRONT_DIFFERENCE, front), put(a, S_REAR_DIFFERENCE, rear);
   put(a, S_CENTRE_DIFFERENCE, centre);
   put(a, S_SERVO, servo), put(a, S_SERVO_BEFORE, servo_before), put(a, S_SERVO_RATE, servo_rate);
+  put(a, S_TOLD, steering), put(a, S_TOLD_BEFORE, told);
   // as twin.py reads an accelerometer that spoke a step ago
   V half = .5 * h * yaw_rate;
   Pair body = turned(v, -s, c);

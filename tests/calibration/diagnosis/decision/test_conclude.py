@@ -1,6 +1,7 @@
 """Claims and verdicts: a right name is claimed and leaves nothing over, a wrong one or none does not pass."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.search.gather import errors_left, gather, what_is_left
 from calibration.diagnosis.search.weighing import stretched
+from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.base import SensorError
 from tests.calibration.diagnosis import diagnosis_rig as rig
 from tests.calibration.diagnosis.decision.test_ties import renamed
@@ -221,6 +223,23 @@ def test_where_a_chance_is_stated_as_many_sensors_are_unusual(axes):
   draws = np.random.default_rng(0).standard_normal((4000, axes))
   named = (Named("", test, False, (), (), deviations=tuple(row)) for row in draws.tolist())
   assert np.mean([beyond_usual(n, levels) for n in named]) == pytest.approx(0.05, abs=0.015)
+
+
+@pytest.mark.parametrize(
+  ("name", "size", "expected"),
+  [
+    ("coast_freewheel", 1.0, False),  # all of the motor's braking is gone
+    ("drive_chopped", 1.0, False),
+    ("drive_limit_braking", 20.0, False),
+    ("drive_limit", 4.0, True),  # some current drives any car that moves
+    ("drive_asymmetry", -0.6, True),
+  ],
+)
+def test_a_bound_where_the_physics_ends_is_a_size_like_any_other(name, size, expected):
+  mechanism = next(m for m in catalogue().values() if name in {p.name for p in m.parameters})
+  pool = SimpleNamespace(problem=SimpleNamespace(mechanism={mechanism.name: mechanism}.__getitem__))
+  model = SimpleNamespace(free=[name], estimate=lambda _: (size, 0.05))
+  assert stretched(pool, model, mechanism.name) == expected
 
 
 def test_an_amplitude_at_its_bound_is_no_claim(pair_pool):

@@ -98,6 +98,19 @@ def test_a_share_of_full_lock_is_scaled_by_how_the_car_turned(tmp_path):
   assert steering["scale"] == pytest.approx(-0.3, rel=0.03) and "offset" not in steering
 
 
+@pytest.mark.parametrize(("day", "order"), [(1.7e9, ["steps.csv", "circles.csv", "free.csv"]), (0.0, None)])
+def test_files_are_listed_as_their_dates_say_that_they_were_driven(tmp_path, day, order):
+  """A name's place in the alphabet says nothing of heat and charge; a clock that begins at 0 neither."""
+  for later, name in enumerate(("steps", "circles", "free")):
+    time, own = drive(12.0, seed=later)
+    columns = {channel: own[channel] for channel in ("motor_voltage", "motor_speed", "yaw_rate")}
+    write_csv(tmp_path / f"{name}.csv", day + 60.0 * later * (day > 0.0) + time, columns)
+  names = ("circles.csv", "free.csv", "steps.csv")
+  table = written(tmp_path, proposed(tmp_path, *names).text)
+  assert [part["file"] for part in table["recording"]] == (order or list(names))
+  assert {r.name: r.before for r in DataSet.load(tmp_path).recordings}["steps" if order else "circles"] == (0.0, 0.0)
+
+
 def test_a_servo_pulse_is_centred(tmp_path):
   time, own = drive(20.0)
   pulse = 1500.0 + 500.0 * own["steering_command"] / 0.3

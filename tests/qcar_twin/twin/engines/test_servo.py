@@ -81,3 +81,30 @@ def test_a_copy_made_while_the_servo_moves_goes_on_as_the_car_does(engine):
     cars.step(step)
   copy = pickle.loads(pickle.dumps(cars))
   np.testing.assert_array_equal(cars.step(step), copy.step(step))
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+@pytest.mark.parametrize(
+  "late",
+  [
+    {"steering_delay": 0.003},
+    {"steering_delay": 0.0065},
+    {"command_delay": 0.017},
+    {"command_delay": 0.016, "steering_delay": 0.0085},  # parts that are more than a period together
+  ],
+  ids=lambda late: "+".join(f"{seconds:g}" for seconds in late.values()),
+)
+@pytest.mark.parametrize("rate", [4.0, np.inf])
+def test_a_servo_is_as_late_as_its_command_whatever_limits_it(engine, late, rate):
+  """A mean of two commands sends a servo of limited rate off at once, at its full rate, for a part of the step."""
+  vehicle = dataclasses.replace(QCAR, servo_rate=rate)
+  car = Twin(vehicle, [catalogue()[name] for name in late], substeps=5, threads=1, engine=engine)
+  theta = car.parameters.vector({"servo_time_constant": 0.02, "servo_inertia": 0.0} | late)
+  commands = np.zeros((1, PERIODS, 2))
+  commands[0, 5:, 1] = STEP
+  segments = Segments(commands, np.zeros((1, len(START))), np.array([PERIODS]), 0.01, ("step",), np.zeros(1))
+  shown = car.rollout(theta, segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
+  fine = 1e-4 * np.arange(round(100 * PERIODS) + 1)
+  answer = limited(fine, 0.02, 0.0, rate)
+  expected = np.interp(0.01 * np.arange(PERIODS + 1) - 0.05 - sum(late.values()), fine, answer, left=0.0)
+  assert np.abs(shown - expected).max() < 0.015 * STEP

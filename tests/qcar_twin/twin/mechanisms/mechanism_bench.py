@@ -54,6 +54,7 @@ class BenchModel:
       "differential_friction": 0.0,
       "servo_time_constant": 0.005,
       "servo_rate": 20.0,
+      "steering_hold": 0.0,
       "ackermann_fraction": 1.0,
       "added_mass": 0.0,
       "added_mass_x": 0.0,

@@ -132,6 +132,11 @@ def test_what_is_sought_far_has_room(mechanism):
 
 
 @each
+def test_where_the_physics_ends_is_a_bound_of_an_amplitude(mechanism):
+  assert set(mechanism.whole) <= {p.name for p in mechanism.parameters if p.null is not None}
+
+
+@each
 def test_hooks_are_those_of_the_stage(mechanism):
   stage = {"command": "command", "actuator": "command", "force": "wrench", "contact": "write_model"}
   stage["sensor"] = "measure"
@@ -139,7 +144,8 @@ def test_hooks_are_those_of_the_stage(mechanism):
   changed = {h for h in stage.values() if getattr(kind, h) is not getattr(Mechanism, h)}
   in_the_circuit = {"write_model"} if kind.passes is not Mechanism.passes else set()
   the_cars_own = {"write_model"} if mechanism.stage == "sensor" and mechanism.subsystem != "sensor" else set()
-  assert changed == {stage[mechanism.stage]} | in_the_circuit | the_cars_own
+  within_a_period = {"write_model"} if kind in map(type, select(["steering_delay", "command_delay"])) else set()
+  assert changed == {stage[mechanism.stage]} | in_the_circuit | the_cars_own | within_a_period
   assert kind.__subclasses__() == []
   if mechanism.varies:
     assert mechanism.stage == "contact"

@@ -30,7 +30,8 @@ def test_steering_lag_starts_from_the_angle_the_wheels_have():
 
 def test_steering_lag_and_delay_move_a_ramp_by_their_time():
   ramp = np.arange(150) * 0.002
-  np.testing.assert_allclose(ramp[-1] - act("steering_delay", [0.043], ramp, STEER)[-1], 0.2 * 0.043, rtol=1e-9)
+  np.testing.assert_allclose(ramp[-1] - act("steering_delay", [0.043], ramp, STEER)[-1], 0.2 * 0.04, rtol=1e-9)
+  assert changed("steering_delay", [0.043]) == {"steering_hold": pytest.approx(0.3)}  # of a period, by the servo
   np.testing.assert_allclose(ramp[-1] - act("steering_lag", [0.043, 0.3], ramp, STEER)[-1], 0.2 * 0.043, rtol=1e-3)
 
 
