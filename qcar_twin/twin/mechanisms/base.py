@@ -138,7 +138,8 @@ class Model(Protocol):
   `cornering_stiffness` [N/rad per wheel], `longitudinal_stiffness` [N per unit slip, per wheel],
   `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length`, `longitudinal_relaxation` [m];
   car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
-  `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side], `supply_sag` [1/V^2],
+  `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side], `motor_damping`
+  [N m s/rad, motor side], `max_torque` [N m, motor side, where it has a limit], `supply_sag` [1/V^2],
   `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
   `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
   `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `steering_hold` [periods, below 2, for which

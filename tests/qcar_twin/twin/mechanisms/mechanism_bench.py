@@ -48,6 +48,7 @@ class BenchModel:
       "driveline_friction": 8.5e-3,
       "driveline_damping": 0.0,
       "torque_per_volt": 0.0272,
+      "motor_damping": 7.1e-5,
       "rotor_inertia": 2e-6,
       "wheel_inertia": 6e-5,
       "differential_damping": 0.0,
