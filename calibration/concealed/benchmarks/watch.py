@@ -73,7 +73,7 @@ def watch_of(car: Which, seed: int) -> Watch:
   """A watch whose twin was calibrated on one session of a car."""
   session = next(_sessions(car, seed, [seed], ""))
   data = DataSet("reference", session.recordings, session.vehicle, session.vehicle_std)
-  fit = calibrate(data, "recordings", quick=True)
+  fit = calibrate(data, "recordings")
   return Watch(fit.twin, fit.theta, data.recordings, fit.command_shift)
 
 
