@@ -108,7 +108,8 @@ AGES = ("encoder_latency", "imu_latency", "pose_latency")
     ((0.043, 0.048, 0.0), {"motor_speed", "yaw_rate"}, (0.04, 0.043, 0.05)),  # without a pose that says otherwise
     ((0.043, 0.048, 0.004), {"motor_speed", "yaw_rate", "pose_forward"}, (0.004, 0.01)),
     ((-0.004, 0.048, 0.0), {"motor_speed", "yaw_rate"}, ()),  # they have none in common
-    ((0.04, 0.04, 0.0), {"speed"}, ()),  # no age of what was measured
+    ((0.043, 0.048, 0.0), {"speed", "yaw_rate"}, (0.04, 0.043, 0.05)),  # a speed is as old as the motor's
+    ((0.04, 0.04, 0.0), {"accel_x"}, ()),  # no age of what was measured
   ],
 )
 def test_what_all_ages_have_in_common_is_tried_as_a_delay_of_the_commands(values, measured, tried):
