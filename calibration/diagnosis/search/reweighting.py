@@ -35,14 +35,16 @@ def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidat
 def _reweighted(pool: Pool, leaders: Callable[[Pool], Sequence[Candidate]]) -> bool:
   """Whether other weights tell, and were taken.
 
-  Where they would change no single's worth by as much as a decision hangs on, all weights stay as they were, so that
-  all models stand at the minimum of one and the same cost. Elsewhere the base, the best model and the other leaders are
+  Where they are the same but for chance, or change no single's worth by as much as a decision hangs on, all stay, so
+  that all models stand at the minimum of one and the same cost. Elsewhere the base, the best model and the other leaders are
   brought to the new one with all their columns. A leader left where it was would lose to the best for no other reason.
   They go on to their minima: where they stand, sets that contain them begin.
   """
   singles = pool.of_size(1)
   old = pool.problem.whiten(np.ones(len(pool.problem.observations)))
   weighting = _least_left(pool, [pool.base, *singles], old)
+  if not _differs(pool.problem, weighting):
+    return False
   ratio = pool.problem.reweighted(weighting).whiten(np.ones(len(old))) / old
   worth = [_ahead(model, pool.base, ratio) for model in singles]
   changes = [abs(new - (pool.base.cost - model.cost)) for model, new in zip(singles, worth, strict=True)]
@@ -55,6 +57,17 @@ def _reweighted(pool: Pool, leaders: Callable[[Pool], Sequence[Candidate]]) -> b
   refine(pool.problem, near, 1, full=True)
   refine(pool.problem, near, 2)
   return True
+
+
+def _differs(problem: Problem, weighting: Weighting) -> bool:
+  """Whether any channel's deviation differs from the present one by more than a sample's own does by chance.
+
+  That of n witnesses errs by 1 / sqrt(2 n) of it (Kendall and Stuart, The Advanced Theory of Statistics 1, ch. 10).
+  """
+  counts = np.bincount(problem.observations.channel[: problem.n_train], minlength=len(weighting.std))
+  witnesses = np.maximum(counts / problem.weighting.correlation, 1.0)
+  change = np.abs(np.log(weighting.std / problem.weighting.std))
+  return bool(np.any(change * np.sqrt(2.0 * witnesses) > 1.0))
 
 
 def _least_left(pool: Pool, models: Sequence[Candidate], old: Array) -> Weighting:

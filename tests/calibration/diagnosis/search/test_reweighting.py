@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.diagnosis.search.reweighting import reweight_if_worth_it
+from calibration.diagnosis.search.reweighting import _differs, reweight_if_worth_it
 from calibration.fitting.likelihood import weighting_from
 from calibration.fitting.residual_channels import CHANNELS
 
@@ -47,6 +47,16 @@ def test_what_had_come_half_way_is_asked_again_where_it_ends(offset_pool):
   reweight_if_worth_it(pool, lambda pool: [])
   wanted = weighting_from(pool.problem.observations, raw, pool.floor).std
   np.testing.assert_allclose(pool.problem.weighting.std, wanted, rtol=0.03)
+
+
+@pytest.mark.parametrize("errors", [0.7, -0.7, 1.4, -1.4])
+def test_a_deviation_differs_beyond_its_own_error(offset_pool, errors):
+  """Of n witnesses it is known to 1 / sqrt(2 n)."""
+  problem, index = offset_pool.problem, CHANNELS.index("yaw_rate")
+  rows = problem.observations.channel[: problem.n_train] == index
+  std = problem.weighting.std.copy()
+  std[index] *= np.exp(errors / np.sqrt(2.0 * np.sum(rows) / problem.weighting.correlation[index]))
+  assert _differs(problem, dataclasses.replace(problem.weighting, std=std)) == (abs(errors) > 1.0)
 
 
 def test_weights_stay_where_nothing_hangs_on_them(clean_pool):
