@@ -36,9 +36,9 @@ def _reweighted(pool: Pool, leaders: Callable[[Pool], Sequence[Candidate]]) -> b
   """Whether other weights tell, and were taken.
 
   Where they are the same but for chance, or change no single's worth by as much as a decision hangs on, all stay, so
-  that all models stand at the minimum of one and the same cost. Elsewhere the base, the best model and the other leaders are
-  brought to the new one with all their columns. A leader left where it was would lose to the best for no other reason.
-  They go on to their minima: where they stand, sets that contain them begin.
+  that all models stand at the minimum of one and the same cost. Elsewhere the base, the best model and the other
+  leaders are brought to the new one with all their columns. A leader left where it was would lose to the best for no
+  other reason. They go on to their minima: where they stand, sets that contain them begin.
   """
   singles = pool.of_size(1)
   old = pool.problem.whiten(np.ones(len(pool.problem.observations)))
