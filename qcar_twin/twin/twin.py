@@ -20,13 +20,14 @@ from qcar_twin.twin import parameters as twin_parameters
 from qcar_twin.twin.engines import ENGINES, Engine, EngineKind, Rows
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
-from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, in_chain, suited
+from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, in_chain
 from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
 from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import Slot, moves_start, under_way
 from qcar_twin.twin.starts import driven_before, slipping, turning
+from qcar_twin.twin.suited import suited
 from qcar_twin.twin.timers import stop_timers
 from qcar_twin.vehicle.drive import largest_command
 from qcar_twin.vehicle.mjcf import car_model, sinking

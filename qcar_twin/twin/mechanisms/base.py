@@ -10,7 +10,6 @@ as rows of arrays: n simulations side by side. So a null mechanism is not run at
 Signs: ISO 8855, x forward, y left, yaw counter-clockwise.
 """
 
-import copy
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol, get_args
@@ -21,7 +20,6 @@ from numpy.typing import NDArray
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import SIGNALS, Driving
 from qcar_twin.vehicle.drive import DRIVES
-from qcar_twin.vehicle.similarity import Similarity
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -54,6 +52,7 @@ class CarDimensions:
   max_steering: float
   imu_x: float
   imu_y: float
+  duty_supply: float  # V that a duty of 1 is; 0 where the drive takes no duty
 
   @classmethod
   def of(cls, vehicle: Vehicle) -> "CarDimensions":
@@ -201,6 +200,7 @@ class Mechanism:
     from_threshold: True if it does nothing below a size that the driving decides (a limit that is never reached), so
       that a scan tries it at several.
     curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
+    named: False if a car may have any size of it, so that every model fits it and a diagnosis never names it.
     outlined_by: id of the curve whose shape it is one form of; "" for none. Its hooks go by the present command and
       speed alone.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
@@ -231,6 +231,7 @@ class Mechanism:
   from_threshold: ClassVar[bool] = False
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
+  named: ClassVar[bool] = True
   outlined_by: ClassVar[str] = ""
   whole: ClassVar[tuple[str, ...]] = ()
   imitated_by: ClassVar[tuple[str, ...]] = ()
@@ -317,29 +318,3 @@ def in_chain(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ...]:
   """The same from the command to the log: by stage, then by link, and those of one link in the order given."""
   stages = get_args(Stage)
   return tuple(sorted(mechanisms, key=lambda m: (stages.index(m.stage), LINKS.index(m.link))))
-
-
-def suited(mechanisms: Iterable[Mechanism], vehicle: Vehicle) -> tuple[Mechanism, ...]:
-  """The same mechanisms, their sizes carried over to a car of this size.
-
-  Raises:
-    ValueError: one of them presupposes another drive.
-  """
-  chosen = tuple(mechanisms)
-  for mechanism in chosen:
-    if not isinstance(mechanism, Mechanism):
-      raise TypeError(f"{mechanism!r:.60} is no mechanism; mechanisms by name come from select([...])")
-    if vehicle.drive not in mechanism.drives:
-      raise ValueError(
-        f"mechanism '{mechanism.name}' is physics of a drive by {' or '.join(mechanism.drives)}; {vehicle.name} is"
-        f" driven by {vehicle.drive}: leave it out"
-      )
-  return chosen if vehicle.similarity.length == 1.0 else tuple(_carried(m, vehicle.similarity) for m in chosen)
-
-
-def _carried(mechanism: Mechanism, similarity: Similarity) -> Mechanism:
-  """The mechanism with parameters for cars of another size; from what was declared, however often it is done."""
-  made = copy.copy(mechanism)
-  declared = vars(mechanism).get("declared", mechanism.parameters)
-  vars(made).update(declared=declared, parameters=tuple(map(similarity.carried, declared)))
-  return made

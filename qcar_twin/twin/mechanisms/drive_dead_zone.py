@@ -1,13 +1,16 @@
 """Motor driver that swallows small voltages."""
 
+from collections.abc import Mapping
+
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import dead_zone
 
 CORNER = 0.01  # V
 # V, a quarter of the usual supply: controllers that take pulses leave out up to 15 % of their range around neutral
 # by default (VESC Tool, PPM input deadband), which shows as a voltage of the supply that is stated
 LARGEST = 3.0
+_BAND = 0.15  # of the supply: the default of such controllers
 
 
 class DriveDeadZone(Mechanism):
@@ -27,10 +30,15 @@ class DriveDeadZone(Mechanism):
   link = "device"
   outlined_by = "drive_curve"
   open_loop = True
+  fitted_rank = 26
   drives = ("voltage", "duty")
   parameters = (
     Parameter("drive_dead_zone", 0.0, 0.0, LARGEST, "V", "b", null=0.0, typical=0.15, description="voltage swallowed"),
   )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """Few descriptions say whether a controller takes its duty as pulses: the usual band is three deviations."""
+    return {"drive_dead_zone": _BAND * car.duty_supply / 3.0}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

@@ -1,0 +1,74 @@
+"""Speed controller of a model car: a transistor drives, diodes carry the rest, and it brakes by short circuit."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import idle_voltage, ramp
+
+CORNER = 0.02  # V
+NEUTRAL = 0.02  # of the supply: twice a step of pulses that are told in hundredths
+STANDS = 0.1  # V of back-EMF, a motor that a controller takes for one that stands
+_EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
+
+
+class DriveOneWay(Mechanism):
+  """The controller drives one way only: it does not brake while it drives, and brakes by short circuit when told to.
+
+  Equation: with u and e (back-EMF) counted along the motion, u' = u + x max(e - u, 0) where u drives (diodes stop what
+  would flow back), u' = u + y (e (1 - (1 - g) |u| / U) - u) where u brakes (the motor is shorted for |u| / U of the
+  time), and u' = u + z max(e - u, 0) at neutral, w = 1 / (1 + (u / 0.02 U)^4). A car that has begun to brake does not
+  drive backwards before it was told neutral.
+  Units: x, y, z, g -: 0 is four quadrants and a short circuit at neutral; U V, of the supply; u, e V.
+  Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives of one and two quadrants).
+  Size: any is usual: every model fits it, and a diagnosis never names it.
+  Confounded with: drive_limit, drive_asymmetry, coast_freewheel, motor damping.
+  """
+
+  name = "drive_one_way"
+  subsystem = "drive"
+  stage = "actuator"
+  link = "device"
+  fitted_rank = 25
+  drives = ("duty",)
+  named = False
+  whole = ("drive_one_way", "drive_one_way_brake", "drive_one_way_neutral", "drive_one_way_weakness")
+  parameters = (
+    Parameter("drive_one_way", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.5, description="diodes, driving"),
+    Parameter("drive_one_way_brake", 0.0, 0.0, 1.0, "-", "y", null=0.0, typical=0.5, description="chopped braking"),
+    Parameter("drive_one_way_neutral", 0.0, 0.0, 1.0, "-", "z", null=0.0, typical=0.5, description="open at neutral"),
+    Parameter("drive_one_way_weakness", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.5, description="brake missing"),
+  )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """What kind of controller follows a duty few descriptions of a car say."""
+    return {p.name: _EITHER for p in self.parameters}
+
+  def initial(self, theta: Array, context: Context) -> State:
+    """What stands under a command backwards is held by the brake: it would have gone a moment later."""
+    neutral, moves = self._told(context, context.commands[:, 0])
+    return {"brakes": (neutral < 0.5) & (context.commands[:, 0] < 0.0) & (moves < 0.5)}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    u, e = command[:, 0], idle_voltage(context)
+    neutral, moves = self._told(context, u)
+    way = np.where(e < 0.0, -1.0, 1.0)
+    along, back = u * way, e * way
+    held = state["brakes"] | ((e > 0.0) & (moves > 0.5))
+    state["brakes"] = held = held & (u < 0.0) & (neutral < 0.5)
+    shorted = np.minimum(np.abs(u) / context.car.duty_supply, 1.0) * (1.0 - theta[:, 3])
+    stopped = ramp(back - along, CORNER)
+    braking = theta[:, 1] * np.maximum(moves, held) * (back * (1.0 - shorted) - along)
+    told = np.where((along < 0.0) | held, braking, theta[:, 0] * stopped)
+    acting = command.copy()
+    acting[:, 0] = u + way * (neutral * theta[:, 2] * stopped + (1.0 - neutral) * told)
+    return acting
+
+  @staticmethod
+  def _told(context: Context, command: Array) -> tuple[Array, Array]:
+    """How far commands are neutral, and how far motors move, (n,) each, 0 to 1."""
+    ratio = np.minimum(np.abs(command) / (NEUTRAL * context.car.duty_supply), 1e3) ** 2
+    back = idle_voltage(context) ** 2
+    return 1.0 / (1.0 + ratio * ratio), back / (back + STANDS**2)
