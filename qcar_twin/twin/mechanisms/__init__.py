@@ -52,7 +52,7 @@ def add_file(path: str | Path) -> tuple[str, ...]:
 
 def offered(drive: str) -> tuple[Mechanism, ...]:
   """Every mechanism of the catalogue that a car with this kind of drive command can have and a diagnosis can name."""
-  return tuple(m for m in catalogue().values() if drive in m.drives and m.named and not m.curve)
+  return tuple(m for m in catalogue().values() if drive in m.drives and not m.curve)
 
 
 def curves(drive: str) -> tuple[Mechanism, ...]:

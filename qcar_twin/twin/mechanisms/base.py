@@ -200,7 +200,6 @@ class Mechanism:
     from_threshold: True if it does nothing below a size that the driving decides (a limit that is never reached), so
       that a scan tries it at several.
     curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
-    named: False if a car may have any size of it, so that every model fits it and a diagnosis never names it.
     outlined_by: id of the curve whose shape it is one form of; "" for none. Its hooks go by the present command and
       speed alone.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
@@ -231,7 +230,6 @@ class Mechanism:
   from_threshold: ClassVar[bool] = False
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
-  named: ClassVar[bool] = True
   outlined_by: ClassVar[str] = ""
   whole: ClassVar[tuple[str, ...]] = ()
   imitated_by: ClassVar[tuple[str, ...]] = ()

@@ -23,7 +23,7 @@ class DriveOneWay(Mechanism):
   drive backwards before it was told neutral.
   Units: x, y, z, g -: 0 is four quadrants and a short circuit at neutral; U V, of the supply; u, e V.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives of one and two quadrants).
-  Size: any is usual: every model fits it, and a diagnosis never names it.
+  Size: any is usual: every model fits all of it, so no diagnosis names it. 0.5 is the middle of the range.
   Confounded with: drive_limit, drive_asymmetry, coast_freewheel, motor damping.
   """
 
@@ -33,7 +33,6 @@ class DriveOneWay(Mechanism):
   link = "device"
   fitted_rank = 25
   drives = ("duty",)
-  named = False
   whole = ("drive_one_way", "drive_one_way_brake", "drive_one_way_neutral", "drive_one_way_weakness")
   parameters = (
     Parameter("drive_one_way", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.5, description="diodes, driving"),

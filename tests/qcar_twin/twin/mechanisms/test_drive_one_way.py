@@ -5,10 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.fitting.tolerances import always_fitted
-from qcar_twin.twin.mechanisms import catalogue, offered
+from calibration.diagnosis.considered import always_free, considered
+from calibration.fitting.tolerances import always_fitted, with_tolerances
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.twin.suited import suited
+from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.twin.mechanisms.mechanism_bench import CAR, act, motion
 
@@ -72,9 +75,12 @@ def test_forwards_it_drives_at_once():
   np.testing.assert_allclose(acting[1], 2.0)
 
 
-def test_every_model_of_a_duty_has_it_and_no_diagnosis_names_it():
-  assert "drive_one_way" in always_fitted("duty") and "drive_one_way" not in always_fitted("voltage")
-  assert "drive_one_way" not in {m.name for m in offered("duty")}
+def test_every_model_of_a_duty_fits_all_of_it_so_no_diagnosis_names_it():
+  car = dataclasses.replace(Vehicle.load(), drive="duty")
+  twin = Twin(car, considered(None, None, "duty"))
+  priors = with_tolerances(ParameterSet(()), twin)
+  assert always_free(catalogue()["drive_one_way"], priors)
+  assert "drive_one_way" not in always_fitted("voltage")
 
 
 def test_a_dead_band_is_usual_of_a_duty_alone():
