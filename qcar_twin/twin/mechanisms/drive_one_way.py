@@ -55,8 +55,10 @@ class DriveOneWay(Mechanism):
     neutral, moves = self._told(context, u)
     way = np.where(e < 0.0, -1.0, 1.0)
     along, back = u * way, e * way
-    held = state["brakes"] | ((e > 0.0) & (moves > 0.5))
-    state["brakes"] = held = held & (u < 0.0) & (neutral < 0.5)
+    # what arrives late may be neutral where nobody knows what was told before
+    least = np.minimum(u, context.commands[:, 0])
+    asked = (least < 0.0) & (self._told(context, least)[0] < 0.5)
+    state["brakes"] = held = asked & (state["brakes"] | ((e > 0.0) & (moves > 0.5)))
     shorted = np.minimum(np.abs(u) / context.car.duty_supply, 1.0) * (1.0 - theta[:, 3])
     stopped = ramp(back - along, CORNER)
     braking = theta[:, 1] * np.maximum(moves, held) * (back * (1.0 - shorted) - along)
