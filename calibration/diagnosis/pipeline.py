@@ -31,7 +31,7 @@ from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrat
 from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
-from calibration.fitting.tolerances import stopped, unusual
+from calibration.fitting.tolerances import rather, stopped, unusual
 from calibration.fitting.windows import Cut
 from calibration.log_check.pairs import fitted_ages
 from calibration.log_check.ready import ready
@@ -82,7 +82,11 @@ def prepare(
     where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
     said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
   fit = recalibrated.fit
-  told = (unusual(fit.parameters, fit.theta), stopped(fit.parameters, fit.theta, fit.at_bound))
+  told = (
+    unusual(fit.parameters, fit.theta),
+    rather(fit.parameters, fit.theta),
+    stopped(fit.parameters, fit.theta, fit.at_bound),
+  )
   return Prepared(dataset, notes + said + tuple(filter(None, told)), known, recalibrated)
 
 

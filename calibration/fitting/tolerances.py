@@ -177,6 +177,19 @@ def stopped(parameters: ParameterSet, estimates: NDArray[np.float64], at_bound: 
   return f"at the bound of what recalibration allows for: {', '.join(said)}; the twin may lack what these make up for"
 
 
+def rather(parameters: ParameterSet, estimates: NDArray[np.float64]) -> str:
+  """A sentence about shares that may be anything, all within three deviations, and are nearer to all than to none, (p,)
+  estimates; empty where none is. Such a share is no missing physics, but who takes the twin for another car's wants to
+  know.
+  """
+  said = [
+    f"{p.description} ({p.name} = {value:.2g} of 1)"
+    for p, value in zip(parameters, estimates, strict=True)
+    if p.null == 0.0 and p.upper == 1.0 == _WIDEST * (p.std or 0.0) and value > 0.5
+  ]
+  return f"which of two kinds this car is, the recordings tell: {', '.join(said)}" if said else ""
+
+
 def unlike_the_class(parameters: ParameterSet, estimates: NDArray[np.float64]) -> tuple[tuple[Parameter, float], ...]:
   """Class figures whose estimates, (p,), lie beyond two deviations of their priors, with the estimate, farthest first.
 

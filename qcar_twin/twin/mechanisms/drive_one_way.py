@@ -35,10 +35,26 @@ class DriveOneWay(Mechanism):
   drives = ("duty",)
   whole = ("drive_one_way", "drive_one_way_brake", "drive_one_way_neutral", "drive_one_way_weakness")
   parameters = (
-    Parameter("drive_one_way", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.5, description="diodes, driving"),
-    Parameter("drive_one_way_brake", 0.0, 0.0, 1.0, "-", "y", null=0.0, typical=0.5, description="chopped braking"),
-    Parameter("drive_one_way_neutral", 0.0, 0.0, 1.0, "-", "z", null=0.0, typical=0.5, description="open at neutral"),
-    Parameter("drive_one_way_weakness", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.5, description="brake missing"),
+    Parameter(
+      "drive_one_way", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.5, description="no braking while it drives"
+    ),
+    Parameter(
+      "drive_one_way_brake", 0.0, 0.0, 1.0, "-", "y", null=0.0, typical=0.5, description="braking by short circuit"
+    ),
+    Parameter(
+      "drive_one_way_neutral", 0.0, 0.0, 1.0, "-", "z", null=0.0, typical=0.5, description="letting go at neutral"
+    ),
+    Parameter(
+      "drive_one_way_weakness",
+      0.0,
+      0.0,
+      1.0,
+      "-",
+      "g",
+      null=0.0,
+      typical=0.5,
+      description="strength that the brake lacks",
+    ),
   )
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:

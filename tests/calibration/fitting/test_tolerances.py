@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.fitting.tolerances import (
+  rather,
   stopped,
   unlike_the_class,
   unusual,
@@ -46,6 +47,14 @@ def test_a_class_figure_beyond_two_deviations_is_said_and_measured_or_open_ones_
   said = unusual(ALL, np.array([500.0 / 10.0, 9.0, 3.9, 0.014]))
   assert said == "unlike other cars of the class: stiffness = 50 N (usual are 500 N, class, a factor of 3)"
   assert unusual(ALL, np.array([500.0 / 8.0, 1.0, 2.0, 0.0])) == ""
+
+
+def test_a_share_that_may_be_any_is_said_where_it_is_most_and_a_tolerance_is_not():
+  share = Parameter("share", 0.0, 0.0, 1.0, "-", null=0.0, std=1.0 / 3.0, description="braking by short circuit")
+  both = ALL + [share, dataclasses.replace(share, name="play", std=0.1)]
+  said = rather(both, np.array([500.0, 1.0, 2.0, 0.015, 0.98, 0.9]))
+  assert said == "which of two kinds this car is, the recordings tell: braking by short circuit (share = 0.98 of 1)"
+  assert rather(both, np.array([500.0, 1.0, 2.0, 0.0, 0.4, 0.9])) == ""
 
 
 def test_what_is_farthest_from_the_class_comes_first():
