@@ -83,6 +83,8 @@ class Segments:
       its tyres over its mass, whatever its wheels do; None for the rate of the speed.
     lead: how the car was driven just before, (S, 4), in the order of LEAD, NaN where it stood: what a controller with a
       memory has in it; None where nobody knows.
+    before: commands of the K periods before each segment, (S, K, 2), the newest last, NaN before a recording began:
+      what is still on its way; None where nobody knows.
     wheel_angle: angle the wheels have turned since the recording's start by the encoder, mean of all, on the
       control grid, rad, (S, T + 1), NaN where unknown; what an effect that comes round with the wheels looks
       up; None to use the simulated angle, which starts at 0 in every segment.
@@ -100,6 +102,7 @@ class Segments:
   start_rate: Array | None = None
   start_push: Array | None = None
   lead: Array | None = None
+  before: Array | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)
@@ -126,7 +129,7 @@ class Segments:
       self.commands[which], self.start[which], self.steps[which], self.period,
       names, self.offset[which],
       some(self.history), some(self.pose), some(self.wheel_angle), some(self.start_rate), some(self.start_push),
-      some(self.lead),
+      some(self.lead), some(self.before),
     )  # fmt: skip
 
   @property

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _SPAN = 0.1  # s: before and after a stretch's beginning, between which its states' rates are taken
 _FOR_A_SLOPE = 3  # samples
+_ON_ITS_WAY = 0.3  # s before a stretch of which commands are known to it: the longest delay of the catalogue
 _GOLDEN = 0.618  # of a turn between one recording's phase and the next one's, so that beginnings and ends take turns
 
 
@@ -98,6 +99,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     start_rate=np.stack([p.rate for p in pieces]),
     start_push=np.array([p.push for p in pieces]),
     lead=np.stack([p.lead for p in pieces]),
+    before=np.stack([p.before for p in pieces]),
   )
   return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
 
@@ -114,6 +116,7 @@ class _Piece:
   rate: Array
   push: float
   lead: Array
+  before: Array
   offset: float
   first: float
   last: float
@@ -148,6 +151,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         rate=_rate(start_at, float(time[begin]), begin == 0),
         push=pushed(recording, float(time[begin]), noise),
         lead=_lead(commands[:, 0], speed, begin, cut.period, vehicle),
+        before=_before(commands, begin, round(_ON_ITS_WAY / cut.period)),
         offset=float(time[begin]),
         first=float(time[low]),
         last=float(time[high - 1] + cut.period),
@@ -269,6 +273,12 @@ def _lead(command: Array, speed: Array, begin: int, period: float, vehicle: Vehi
   when, turning = period * (near - begin), speed[near] / rolling_radius(vehicle)
   rise = np.polyfit(when, turning, 1)[0]
   return np.array([np.mean(command[near]), np.mean(turning), rise, when.mean()], dtype=np.float64)
+
+
+def _before(commands: Array, begin: int, count: int) -> Array:
+  """The `count` commands before a period, (count, 2), the newest last; NaN before the first."""
+  known = commands[max(0, begin - count) : begin]
+  return np.concatenate([np.full((count - len(known), 2), np.nan), known])
 
 
 def _speed_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:

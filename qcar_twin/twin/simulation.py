@@ -1,5 +1,6 @@
 """Cars under way: mechanisms in slots, and an engine that moves what they act on."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -53,6 +54,7 @@ class Simulation:
     self.engine.load(values)
     self._lead = np.full((len(start), len(LEAD)), np.nan)
     self._history, command = history * scale[::-1] ** 2, self._supplied(command)
+    command, before = (command, None) if command.ndim == 2 else (command[:, -1], command[:, :-1])
     self._recording_time, self._time = recording_time, 0.0
     self._began: Array | None = None  # s of _time at which each car began, once some did later than others
     self.signals = np.zeros((len(start), len(SIGNALS)))
@@ -63,14 +65,15 @@ class Simulation:
     self._write_models(command, known, first=True)
     if lead is not None:
       self._lead = taken(lead * [scale[0], 1.0, 1.0, 1.0], self.engine.values, car)
-    self._settle(command, known)
+    self._settle(command, known, before)
 
   def _supplied(self, commands: Array) -> Array:
     """Scaled commands (..., 2), the drive's within what its supply can give: all that follows sees no more."""
     return np.clip(commands * self._scale, -self._most, self._most)
 
-  def _settle(self, command: Array, known: Array) -> None:
-    """Hidden states at the start, as if what stands there had come a long way: through the slots before each.
+  def _settle(self, command: Array, known: Array, before: Array | None) -> None:
+    """Hidden states at the start, as if what stands there had come a long way: through the slots before each. What was
+    commanded before, (N, K, 2) of `Context.before`, comes that way, too.
 
     Else a lag behind a trim or a bent map would begin without them, and so would the car, window by window.
     """
@@ -78,6 +81,9 @@ class Simulation:
     for slot in self._slots:
       passes = slot.mechanism.stage == "command"
       context = self._context(slot, arriving, known, None, standing) if passes else self._context(slot, command, known)
+      if passes and before is not None:
+        context = dataclasses.replace(context, before=before[slot.rows])
+        before = slot.held_back(before, self._period)
       slot.state = slot.mechanism.initial(slot.theta, context)
       if passes and not slot.state:
         came, angle = arriving[slot.rows], np.column_stack([arriving[slot.rows, 0], standing[slot.rows, _ANGLE]])

@@ -63,6 +63,14 @@ class Slot:
         self.state[name] = np.zeros((len(self.theta), *values.shape[1:]), values.dtype)
       self.state[name][mine] = values[0]
 
+  def held_back(self, before: Array, period: float) -> Array:
+    """Commands before a segment, (N, K, 2), with this slot's as it leaves them."""
+    if type(self.mechanism).past is Mechanism.past:
+      return before
+    out = before.copy()
+    out[self.rows] = self.mechanism.past(self.theta, before[self.rows], period)
+    return out
+
   @property
   def acts(self) -> bool:
     """Whether it has something to do in every control period."""

@@ -149,7 +149,7 @@ class Twin:
       start: states in the order of START.
       history: seconds driven and the command's square times s spent before, (N, 2).
       recording_time: time of the start within its recording, s, (N,).
-      first_command: commands that stood when the simulation starts, (N, 2): what lags and delays begin with.
+      first_command: stood when the simulation starts, (N, 2), or (N, K + 1, 2) after K before: lags begin with it.
       batch: what carries MuJoCo's cars; a new one by default, so that simulations don't disturb each other.
       rim_speed: of the driven wheels at the start, their mean, m/s, (N,); by default they roll without slip.
       lead: how the cars were driven just before, (N, 4), in the order of LEAD.
@@ -234,6 +234,7 @@ class Twin:
     tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
+    first = commands[0] if segments.before is None else np.hstack([tile(segments.before), commands[0, :, None]])
     theta = self._in_sessions(theta, segments)
     if segments.start_rate is not None:
       start[:, _WHEELS] += self._turned(theta, start, commands[0])
@@ -246,9 +247,8 @@ class Twin:
     for rows in groups:
       some = lambda a, rows=rows: None if a is None else a[rows]
       batch = self.batch(n * size) if self.engine == "mujoco" else None
-      cars = self.begin(
-        theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch, some(rim), some(lead)
-      )
+      about = offset[rows], first[rows], batch
+      cars = self.begin(theta[rows], start[rows], some(history), *about, some(rim), some(lead))
       driven = cars.run(commands[:, rows], pose[rows], ends[rows])
       signals = driven if len(groups) == 1 else _with_rows(signals, rows, driven)
     signals = at_one_time(signals, self.period / self.substeps, self.period)

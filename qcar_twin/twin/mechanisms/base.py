@@ -85,6 +85,8 @@ class Context:
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
     max_torque: largest torque of the motor, N m, (n,); inf without a limit.
+    before: on stage "command" and for `initial` alone, commands of the K periods before the segment as the mechanisms
+      before leave them, (n, K, 2), the newest last, NaN where nobody knows; None where nobody knows any.
     lead: the drive before the segment, (n, 4), in the order of LEAD (qcar_twin/plant.py), with the drive command that
       the motion took in place of its acceleration; NaN where the car stood or nobody knows.
   """
@@ -102,6 +104,7 @@ class Context:
   motor_damping: Array
   max_torque: Array | float = np.inf
   lead: Array | None = None
+  before: Array | None = None
 
   def signal(self, name: str) -> Array:
     """One signal by name, (n,)."""
@@ -250,6 +253,15 @@ class Mechanism:
     Subsystem "drive" changes the first one alone and subsystem "steering" the second, whatever the other is.
     """
     return command
+
+  def past(self, theta: Array, before: Array, period: float) -> Array:
+    """Commands before a segment, (n, K, 2), as it leaves those that came in: only what holds commands back has to say.
+
+    Args:
+      before: the newest last, NaN where nobody knows.
+      period: control period, s.
+    """
+    return before
 
   def passes(self, theta: Array) -> NDArray[np.bool_]:
     """Cars, (n,), whose commands it leaves as they are with parameters (n, p): what it does `write_model` has done."""

@@ -1,8 +1,18 @@
 """Dead time between the commands, both of them, and the car."""
 
+import numpy as np
+
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model, State
-from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step, left_of_period, whole_delay_line
+from qcar_twin.twin.mechanisms.elements import (
+  backdrop,
+  delay_line,
+  delay_step,
+  held_back,
+  left_of_period,
+  told,
+  whole_delay_line,
+)
 
 
 class CommandDelay(Mechanism):
@@ -29,9 +39,14 @@ class CommandDelay(Mechanism):
 
   def initial(self, theta: Array, context: Context) -> State:
     delay, period, longest = theta[:, 0], context.period, self.parameters[0].upper
-    voltage = delay_line(delay, period, longest, context.commands[:, 0], backdrop(context))
-    angle = whole_delay_line(delay, period, longest, context.commands[:, 1], context.signal("steering_angle"))
+    volts, angles = told(context.before, 0), told(context.before, 1)
+    voltage = delay_line(delay, period, longest, context.commands[:, 0], backdrop(context), volts)
+    angle = whole_delay_line(delay, period, longest, context.commands[:, 1], context.signal("steering_angle"), angles)
     return _named(voltage, "voltage") | _named(angle, "angle")
+
+  def past(self, theta: Array, before: Array, period: float) -> Array:
+    came = (held_back(before[..., k], theta[:, 0], period, whole=bool(k)) for k in range(2))
+    return np.stack(list(came), axis=-1)
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     model.set("steering_hold", model.get("steering_hold") + left_of_period(theta[:, 0], context.period))

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step
+from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step, held_back, told
 
 _FRAME = 0.02  # s, in which pulses for speed controllers come: a command waits for the next
 
@@ -35,8 +37,11 @@ class DriveDelay(Mechanism):
     return {"drive_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
-    longest = self.parameters[0].upper
-    return delay_line(theta[:, 0], context.period, longest, context.commands[:, 0], backdrop(context))
+    delay, longest, past = theta[:, 0], self.parameters[0].upper, told(context.before, 0)
+    return delay_line(delay, context.period, longest, context.commands[:, 0], backdrop(context), past)
+
+  def past(self, theta: Array, before: Array, period: float) -> Array:
+    return np.stack([held_back(before[..., 0], theta[:, 0], period), before[..., 1]], axis=-1)
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

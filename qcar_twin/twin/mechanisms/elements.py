@@ -141,23 +141,31 @@ def changes_tried(driving: Driving) -> list[tuple[float, float]]:
 # Tracks and delays ------------------------------------------------------------------------------------
 
 
-def delay_line(delay: Array, period: float, longest: float, present: Array, before: Array) -> State:
+def delay_line(
+  delay: Array, period: float, longest: float, present: Array, before: Array, past: Array | None = None
+) -> State:
   """A ring of past commands, (n, K), from the newest at `newest`, (n,), backwards, for delays up to `longest` seconds.
 
-  What was commanded before the segment is not known; it is taken to have gone from `before`, what
-  acts now, to `present` in a straight line over the delay.
+  What was commanded before the segment is `past`, the newest last. Where that is not known, NaN, it is taken to have
+  gone from `before`, what acts now, to `present` in a straight line over the delay.
   """
   size = math.ceil(longest / period) + 2
   samples = np.maximum(delay / period, 0.0)
   age = np.arange(1, size + 1) / np.maximum(samples, 1e-9)[:, None]
   line = present[:, None] + (before - present)[:, None] * np.minimum(age, 1.0)
+  if past is not None:
+    known = past[:, ::-1][:, :size]
+    near = line[:, : known.shape[1]]
+    near[:] = np.where(np.isfinite(known), known, near)
   whole = np.minimum(np.floor(samples), size - 2)
   return {"line": line, "newest": np.zeros(len(line)), "whole": whole, "part": samples - whole}
 
 
-def whole_delay_line(delay: Array, period: float, longest: float, present: Array, before: Array) -> State:
+def whole_delay_line(
+  delay: Array, period: float, longest: float, present: Array, before: Array, past: Array | None = None
+) -> State:
   """The same for whole periods alone; `left_of_period` is the rest of the delay."""
-  line = delay_line(delay, period, longest, present, before)
+  line = delay_line(delay, period, longest, present, before, past)
   return line | {"part": np.zeros(len(delay))}
 
 
@@ -165,6 +173,22 @@ def left_of_period(delay: Array, period: float) -> Array:
   """What a delay in s, (n,), has beyond whole periods, in periods: below 1."""
   samples = np.maximum(delay / period, 0.0)
   return samples - np.floor(samples)
+
+
+def held_back(past: Array, delay: Array, period: float, whole: bool = False) -> Array:
+  """Past commands, (n, K), the newest last, each so many seconds, (n,), later; NaN where nobody knows what came.
+
+  `whole`: by whole periods alone.
+  """
+  samples = np.maximum(delay / period, 0.0)[:, None]
+  part, place = (0.0 if whole else samples - np.floor(samples)), np.arange(past.shape[1]) - np.floor(samples)
+  at = lambda i: np.where(i >= 0, np.take_along_axis(past, np.maximum(i, 0).astype(np.intp), axis=1), np.nan)
+  return np.where(part > 0.0, (1.0 - part) * at(place) + part * at(place - 1), at(place))
+
+
+def told(before: Array | None, column: int) -> Array | None:
+  """Of past commands, (n, K, 2), one, (n, K); None where nobody knows any."""
+  return None if before is None else before[..., column]
 
 
 def delay_step(state: State, command: Array) -> Array:

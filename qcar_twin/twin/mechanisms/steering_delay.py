@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model, State
-from qcar_twin.twin.mechanisms.elements import delay_step, left_of_period, whole_delay_line
+from qcar_twin.twin.mechanisms.elements import delay_step, held_back, left_of_period, told, whole_delay_line
 
 _FRAME = 0.02  # s, in which pulses for servos come: a command waits for the next
 
@@ -34,8 +36,12 @@ class SteeringDelay(Mechanism):
     return {"steering_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
+    delay, longest, past = theta[:, 0], self.parameters[0].upper, told(context.before, 1)
     present, before = context.commands[:, 1], context.signal("steering_angle")
-    return whole_delay_line(theta[:, 0], context.period, self.parameters[0].upper, present, before)
+    return whole_delay_line(delay, context.period, longest, present, before, past)
+
+  def past(self, theta: Array, before: Array, period: float) -> Array:
+    return np.stack([before[..., 0], held_back(before[..., 1], theta[:, 0], period, whole=True)], axis=-1)
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     model.set("steering_hold", model.get("steering_hold") + left_of_period(theta[:, 0], context.period))
