@@ -146,12 +146,7 @@ class Vehicle:
   @property
   def command_scale(self) -> float:
     """What the drive's command is multiplied by before it meets the motor's law: volts per duty, else 1."""
-    return self.duty_supply or 1.0
-
-  @property
-  def duty_supply(self) -> float:
-    """What a duty of 1 puts on the motor, V; 0 where the drive takes no duty."""
-    return self.supply_voltage if self.drive == "duty" else 0.0
+    return self.supply_voltage if self.drive == "duty" else 1.0
 
   @property
   def torque_per_command(self) -> float:

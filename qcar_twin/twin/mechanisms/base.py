@@ -57,7 +57,8 @@ class CarDimensions:
   @classmethod
   def of(cls, vehicle: Vehicle) -> "CarDimensions":
     """Of a vehicle, as measured."""
-    return cls(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls)})
+    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls) if f.name != "duty_supply"}
+    return cls(**measured, duty_supply=vehicle.supply_voltage if vehicle.drive == "duty" else 0.0)
 
   @property
   def wheelbase(self) -> float:
