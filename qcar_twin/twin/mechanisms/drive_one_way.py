@@ -18,9 +18,9 @@ class DriveOneWay(Mechanism):
   """The controller drives one way only: it does not brake while it drives, and brakes by short circuit when told to.
 
   Equation: with u and e (back-EMF) counted along the motion, u' = u + x max(e - u, 0) where u drives (diodes stop what
-  would flow back), u' = u + y (e (1 - (1 - g) |u| / U) - u) where u brakes (the motor is shorted for |u| / U of the
-  time), and u' = u + z max(e - u, 0) at neutral, w = 1 / (1 + (u / 0.02 U)^4). A car that has begun to brake does not
-  drive backwards before it was told neutral.
+  would flow back) and u' = u + z max(e - u, 0) at neutral, w = 1 / (1 + (u / 0.02 U)^4). A command backwards brakes a
+  car that rolls forwards: u' = u + y (e (1 - (1 - g) |u| / U) - u), the motor is shorted for |u| / U of the time; it
+  does not drive it backwards before it was told neutral. One forwards always drives.
   Units: x, y, z, g -: 0 is four quadrants and a short circuit at neutral; U V, of the supply; u, e V.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives of one and two quadrants).
   Size: any is usual: every model fits all of it, so no diagnosis names it. 0.5 is the middle of the range.
@@ -78,7 +78,8 @@ class DriveOneWay(Mechanism):
     shorted = np.minimum(np.abs(u) / context.car.duty_supply, 1.0) * (1.0 - theta[:, 3])
     stopped = ramp(back - along, CORNER)
     braking = theta[:, 1] * np.maximum(moves, held) * (back * (1.0 - shorted) - along)
-    told = np.where((along < 0.0) | held, braking, theta[:, 0] * stopped)
+    driving = np.where(along >= 0.0, theta[:, 0] * stopped, 0.0)
+    told = np.where(((u < 0.0) & (e > 0.0)) | held, braking, driving)
     acting = command.copy()
     acting[:, 0] = u + way * (neutral * theta[:, 2] * stopped + (1.0 - neutral) * told)
     return acting
