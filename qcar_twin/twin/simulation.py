@@ -81,7 +81,7 @@ class Simulation:
     for slot in self._slots:
       passes = slot.mechanism.stage == "command"
       context = self._context(slot, arriving, known, None, standing) if passes else self._context(slot, command, known)
-      if passes and before is not None:
+      if before is not None:
         context = dataclasses.replace(context, before=before[slot.rows])
         before = slot.held_back(before, self._period)
       slot.state = slot.mechanism.initial(slot.theta, context)

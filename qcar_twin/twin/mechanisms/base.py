@@ -86,8 +86,8 @@ class Context:
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
     max_torque: largest torque of the motor, N m, (n,); inf without a limit.
-    before: on stage "command" and for `initial` alone, commands of the K periods before the segment as the mechanisms
-      before leave them, (n, K, 2), the newest last, NaN where nobody knows; None where nobody knows any.
+    before: for `initial` alone, commands of the K periods before the segment as the mechanisms before hold them back,
+      (n, K, 2), the newest last, NaN where nobody knows; None where nobody knows any.
     lead: the drive before the segment, (n, 4), in the order of LEAD (qcar_twin/plant.py), with the drive command that
       the motion took in place of its acceleration; NaN where the car stood or nobody knows.
   """

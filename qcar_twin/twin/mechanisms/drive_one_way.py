@@ -62,9 +62,12 @@ class DriveOneWay(Mechanism):
     return {p.name: _EITHER for p in self.parameters}
 
   def initial(self, theta: Array, context: Context) -> State:
-    """What stands under a command backwards is held by the brake: it would have gone a moment later."""
-    neutral, moves = self._told(context, context.commands[:, 0])
-    return {"brakes": (neutral < 0.5) & (context.commands[:, 0] < 0.0) & (moves < 0.5)}
+    """What stands under a command backwards is held by the brake, but where it was told so just now."""
+    told = context.commands[:, 0]
+    before = told if context.before is None else context.before[:, -1, 0]
+    least = np.fmax(told, before)  # what nobody knows was the same
+    neutral, moves = self._told(context, least)
+    return {"brakes": (neutral < 0.5) & (least < 0.0) & (moves < 0.5)}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     u, e = command[:, 0], idle_voltage(context)
