@@ -16,7 +16,6 @@ from scipy.optimize import lsq_linear
 
 from calibration.fitting.likelihood import Problem, flat_weighting
 from calibration.fitting.observations import Observations
-from calibration.fitting.tolerances import may_be_either
 from calibration.fitting.windows import driven
 from qcar_twin.kinematics import motor_speed
 from qcar_twin.parameters import ParameterSet
@@ -66,12 +65,11 @@ def best_start(twin: Twin, observations: Observations, n_train: int, base: Param
 
 
 def varied_starts(base: ParameterSet, theta: Array) -> list[Array]:
-  """Estimates with shares of the nominal friction coefficient and with other Ackermann fractions, and half-way between
-  two kinds of car where it may be either: each is a valley of its own, and the other one is seen from between them."""
-  out, between = [], {p.name: p.typical for p in base if may_be_either(p)}
-  for grip, linkage, kind in itertools.product(_GRIPS, _LINKAGES, ({}, between) if between else ({},)):
+  """Estimates with shares of the nominal friction coefficient and with other Ackermann fractions."""
+  out = []
+  for grip, linkage in itertools.product(_GRIPS, _LINKAGES):
     start = theta.copy()
-    values = {"friction_coefficient": grip * base["friction_coefficient"].nominal, "ackermann_fraction": linkage} | kind
+    values = {"friction_coefficient": grip * base["friction_coefficient"].nominal, "ackermann_fraction": linkage}
     for name, value in values.items():
       i = base.index(name)
       start[i] = np.clip(value, base.lower[i], base.upper[i])

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.first_guess import _with_shown_lag, first_guess, varied_starts
-from calibration.fitting.tolerances import with_tolerances
+from calibration.fitting.first_guess import _with_shown_lag, first_guess
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.parameters import base_parameters, drive_response, informed
-from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
 NUMBERS = {
@@ -93,15 +90,3 @@ def test_steps_of_a_loss_that_is_guessed_to_be_nothing_stay_as_they_were():
   assert guess["motor_damping"].scale == base["motor_damping"].scale
   assert guess["driveline_friction"].scale == base["driveline_friction"].scale
   assert guess["torque_per_volt"].scale < 1e-6 * base["torque_per_volt"].scale
-
-
-def test_fits_begin_at_one_kind_of_speed_controller_and_between_both():
-  car = Vehicle(drive="duty")
-  twin = Twin(car, select(["drive_one_way", "drive_dead_zone"]), threads=1)
-  base = with_tolerances(twin.base, twin)
-  shares = np.array(
-    [[s[base.index(p.name)] for p in twin.mechanisms[0].parameters] for s in varied_starts(base, base.start)]
-  )
-  assert twin.mechanisms[0].name == "drive_one_way"
-  assert len(shares) == 2 * len(varied_starts(twin.base, twin.base.start))
-  np.testing.assert_array_equal(np.unique(shares, axis=0), [[0.0] * 4, [0.5] * 4])
