@@ -24,6 +24,7 @@ from calibration.log_check.motions import REGIMES, Motion, Wheels, motions, regi
 from calibration.log_check.wide_lag import sums_by_lag, wide_lag
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.twin.mechanisms.accel_bias import LEANS
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -43,7 +44,6 @@ _NO_LAG = int(np.argmin(np.abs(LAGS)))
 _FINEST = 0.005  # s, and share of a scale: closer than that sensors are not said to agree, wheels slip and bodies roll
 _SHOWN_BY = {"turning": ("imu_latency", "gyro_scale"), "driving": ("encoder_latency", None)}
 _FELT = {"speeding up and slowing down": "accel_scale_x", "going round": "accel_scale_y"}
-_LEANS = 0.1  # stated prior: share that gravity adds to an acceleration in a body that leans 6 degrees per g
 
 
 @dataclasses.dataclass(frozen=True)
@@ -337,7 +337,7 @@ def told_without_a_model(recordings: Sequence[Recording], vehicle: Vehicle) -> d
     if motion.name not in shown or (seen := compare(motion, wheels, recordings, noise)).why_not:
       continue
     if motion.name in _FELT:
-      felt = Estimate(seen.scale.value, float(np.hypot(2.0 * seen.scale.std, _LEANS)))
+      felt = Estimate(seen.scale.value, float(np.hypot(2.0 * seen.scale.std, LEANS)))
       if felt.beyond(1.0):
         told[_FELT[motion.name]] = (felt.value - 1.0, felt.std)
       continue

@@ -2,9 +2,13 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, SensorError, Track
 from qcar_twin.twin.mechanisms.elements import replaced
+
+LEANS = 0.1  # stated prior: share that gravity adds to an acceleration in a body that leans 6 degrees per g
 
 
 class AccelBias(Mechanism):
@@ -41,5 +45,6 @@ class AccelBias(Mechanism):
     return replaced(track, accel_x=ahead + bias_x, accel_y=left + bias_y)
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """Of the scale: data sheets allow 1 to 3 %."""
-    return {"accel_scale_x": 0.015, "accel_scale_y": 0.015}
+    """Of the scale: data sheets allow 1 to 3 %, and a body that leans adds its share of gravity."""
+    usual = float(np.hypot(0.03 / 2.0, LEANS / 3.0))
+    return {"accel_scale_x": usual, "accel_scale_y": usual}
