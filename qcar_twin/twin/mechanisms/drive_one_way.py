@@ -23,7 +23,8 @@ class DriveOneWay(Mechanism):
   does not drive it backwards before it was told neutral. One forwards always drives.
   Units: x, y, z, g -: 0 is four quadrants and a short circuit at neutral; U V, of the supply; u, e V.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives of one and two quadrants).
-  Size: any is usual: every model fits all of it, so no diagnosis names it. 0.5 is the middle of the range.
+  Size: stated prior: 0.5 is the middle of the range from 0 to 1. Any is usual, so every model fits all of it, and no
+    diagnosis names it.
   Confounded with: drive_limit, drive_asymmetry, coast_freewheel, motor damping.
   """
 
