@@ -7,9 +7,12 @@ from calibration.fitting.tolerances import always_fitted
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import offered, select
 from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.vehicle.drive import DriveKind
 
 
-def considered(candidates: Sequence[str] | None, start: Start | None, drive: str = "voltage") -> tuple[Mechanism, ...]:
+def considered(
+  candidates: Sequence[str] | None, start: Start | None, drive: DriveKind = "voltage"
+) -> tuple[Mechanism, ...]:
   """The mechanisms asked for (all that suit the drive if None), the present twin's, the sensors' small errors."""
   if candidates is None:
     return offered(drive)

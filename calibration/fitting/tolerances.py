@@ -16,13 +16,16 @@ from calibration.fitting.optimiser import Fit
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import catalogue
-from qcar_twin.twin.mechanisms.base import AS_GOOD, Mechanism, SensorError
+from qcar_twin.twin.mechanisms.base import AS_GOOD, CarDimensions, Mechanism, SensorError
 from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.drive import DriveKind
+from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 _TOUCHES = 1e-4  # of a bound, within which an estimate has stopped there
 _UNUSUAL = 2.0  # standard deviations: one car in twenty
 _EXACT = 1e-9  # share of a sum of squares that is none
+_STATED = dict.fromkeys((f.name for f in dataclasses.fields(CarDimensions)), 1.0)  # deviations of whatever is measured
 _WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
 
 
@@ -36,10 +39,12 @@ def tolerated_mechanisms(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ..
   return tuple(m for m in _ranked(mechanisms) if type(m).tolerances is not Mechanism.tolerances)
 
 
-def always_fitted(drive: str) -> tuple[str, ...]:
+def always_fitted(drive: DriveKind) -> tuple[str, ...]:
   """Ids of all of these in the catalogue that a drive can have: what a twin carries that is fitted to recordings."""
   known = [m for m in catalogue().values() if drive in m.drives]
-  return tuple(dict.fromkeys(m.name for m in (*sensor_error_mechanisms(known), *tolerated_mechanisms(known))))
+  car = CarDimensions.of(dataclasses.replace(QCAR, drive=drive))
+  some = [m for m in tolerated_mechanisms(known) if any(m.tolerances(car, _STATED).values())]
+  return tuple(dict.fromkeys(m.name for m in (*sensor_error_mechanisms(known), *some)))
 
 
 def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Recording]) -> ParameterSet:
