@@ -68,7 +68,7 @@ class DriveOneWay(Mechanism):
     before = told if context.before is None else context.before[:, -1, 0]
     least = np.fmax(told, before)  # what nobody knows was the same
     neutral, moves = self._told(context, least)
-    return {"brakes": 1.0 * ((neutral < 0.5) & (least < 0.0) & (moves < 0.5))}
+    return {"brakes": ((neutral < 0.5) & (least < 0.0) & (moves < 0.5)).astype(np.float64)}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     u, e = command[:, 0], idle_voltage(context)
@@ -79,7 +79,7 @@ class DriveOneWay(Mechanism):
     least = np.minimum(u, context.commands[:, 0])
     asked = (least < 0.0) & (self._told(context, least)[0] < 0.5)
     held = asked & ((state["brakes"] > 0.5) | ((e > 0.0) & (moves > 0.5)))
-    state["brakes"] = 1.0 * held
+    state["brakes"] = held.astype(np.float64)
     shorted = np.minimum(np.abs(u) / context.car.duty_supply, 1.0) * (1.0 - theta[:, 3])
     stopped = ramp(back - along, CORNER)
     braking = theta[:, 1] * np.maximum(moves, held) * (back * (1.0 - shorted) - along)

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.diagnosis.considered import always_free, considered
 from calibration.fitting.dataset_recalibration import starting_priors
-from calibration.fitting.tolerances import sensor_error_mechanisms, tolerated_mechanisms
+from calibration.fitting.tolerances import always_fitted, sensor_error_mechanisms
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.twin.mechanisms import catalogue, offered, select
 from qcar_twin.twin.twin import Twin
@@ -16,7 +16,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 VEHICLE = Vehicle.load()
 ALL = tuple(m for m in catalogue().values() if "voltage" in m.drives)
 SENSORS = sensor_error_mechanisms(ALL)
-TOLERATED = tuple(m for m in tolerated_mechanisms(ALL) if m not in SENSORS)
+TOLERATED = tuple(m for m in select(always_fitted("voltage")) if m not in SENSORS)
 GYRO = catalogue()["gyro_bias"].sensor_errors["gyro_bias"]
 
 
