@@ -182,11 +182,6 @@ def stopped(parameters: ParameterSet, estimates: NDArray[np.float64], at_bound: 
   return f"at the bound of what recalibration allows for: {', '.join(said)}; the twin may lack what these make up for"
 
 
-def may_be_either(parameter: Parameter) -> bool:
-  """Whether it is a share of which any is usual, none as much as all."""
-  return parameter.null == 0.0 and parameter.upper == 1.0 == _WIDEST * (parameter.std or 0.0)
-
-
 def rather(parameters: ParameterSet, estimates: NDArray[np.float64]) -> str:
   """A sentence about shares that may be anything, all within three deviations, and are nearer to all than to none, (p,)
   estimates; empty where none is. Such a share is no missing physics, but who takes the twin for another car's wants to
@@ -195,7 +190,7 @@ def rather(parameters: ParameterSet, estimates: NDArray[np.float64]) -> str:
   said = [
     f"{p.description} ({p.name} = {value:.2g} of 1)"
     for p, value in zip(parameters, estimates, strict=True)
-    if may_be_either(p) and value > 0.5
+    if p.null == 0.0 and p.upper == 1.0 == _WIDEST * (p.std or 0.0) and value > 0.5
   ]
   return f"which of two kinds this car is, the recordings tell: {', '.join(said)}" if said else ""
 

@@ -149,7 +149,7 @@ class Twin:
       start: states in the order of START.
       history: seconds driven and the command's square times s spent before, (N, 2).
       recording_time: time of the start within its recording, s, (N,).
-      first_command: stood when the simulation starts, (N, 2), or (N, K + 1, 2) after K before: lags begin with it.
+      first_command: commands that stand at the start, (N, 2), for lags and delays; or K before, too, (N, K + 1, 2).
       batch: what carries MuJoCo's cars; a new one by default, so that simulations don't disturb each other.
       rim_speed: of the driven wheels at the start, their mean, m/s, (N,); by default they roll without slip.
       lead: how the cars were driven just before, (N, 4), in the order of LEAD.

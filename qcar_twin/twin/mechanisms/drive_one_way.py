@@ -9,8 +9,8 @@ from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechan
 from qcar_twin.twin.mechanisms.elements import idle_voltage, ramp
 
 CORNER = 0.02  # V
-NEUTRAL = 0.02  # of the supply: twice a step of pulses that are told in hundredths
-STANDS = 0.1  # V of back-EMF, a motor that a controller takes for one that stands
+NEUTRAL = 0.02  # of the supply, stated prior: twice a step of pulses that are told in hundredths
+STANDS = 0.1  # V of back-EMF, stated prior: what a controller takes for a motor that stands
 _EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
 
 

@@ -6,7 +6,8 @@ import pytest
 from calibration.fitting.windows import Cut, cut_recordings
 from qcar_twin.plant import SIGNALS, START
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.mechanisms import catalogue, select
+from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.mechanisms.elements import delay_line, delay_step, held_back
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import QCAR
@@ -29,6 +30,12 @@ def test_before_a_recording_nobody_knows_what_was_told():
   np.testing.assert_array_equal(held_back(past, np.array([0.01]), PERIOD), [[np.nan, np.nan, np.nan, 1.0]])
   line = delay_line(np.array([0.03]), PERIOD, 0.05, np.array([3.0]), np.array([3.0]), past)["line"][0]
   np.testing.assert_array_equal(line[:4], [2.0, 1.0, 3.0, 3.0])  # the newest first; as if it had always stood
+
+
+def test_no_mechanism_holds_commands_back_for_longer_than_they_are_known():
+  holding = [m for m in catalogue().values() if type(m).past is not Mechanism.past]
+  assert {m.name for m in holding} == {"command_delay", "drive_delay", "steering_delay"}
+  assert max(p.upper for m in holding for p in m.parameters) == pytest.approx(KNOWN * PERIOD)
 
 
 @pytest.mark.parametrize(
