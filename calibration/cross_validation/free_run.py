@@ -65,7 +65,7 @@ def free_run(
     seen: a prediction as sensors show it that are not the plant's.
   """
   names = (drive_of(vehicle).channel, "steering_command")
-  time, commands = recording.commands(plant.period, names, getattr(vehicle, "supply_voltage", None))
+  time, commands = recording.mean_commands(plant.period, names, getattr(vehicle, "supply_voltage", None))
   commands = shift_commands(commands, command_shift)
   held = float(commands[0, 1])
   start = measured_start(recording, float(time[0]), vehicle, held, True)  # pyright: ignore[reportArgumentType]

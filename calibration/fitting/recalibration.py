@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.confirmed import NOTICED, misled, trusted
+from calibration.fitting.exchanged import exchanged
 from calibration.fitting.first_guess import best_start, varied_starts
 from calibration.fitting.likelihood import Problem, flat_weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
@@ -19,7 +21,7 @@ from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, fitted_count, observe
 from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
 from calibration.fitting.slopes import Slopes, Stencil, central_differences
-from calibration.fitting.surrogate import Stretch, anchored
+from calibration.fitting.surrogate import anchored
 from calibration.fitting.tolerances import weighed_beyond, widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
@@ -36,9 +38,6 @@ _SPAN = 3  # iterations of a rough fit before the worse half of the starts is gi
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
 _LONGEST = 40  # iterations between two corrections: a search ends where its slopes do, not by count
 _AFAR = 4  # rounds of a fit from afar
-NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
-# of a predicted reduction: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
-_TRUSTED = 0.25
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -91,7 +90,7 @@ def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
   known = _unknown(at.problem)
   near = _fit(at.problem, at.base, at.start, _LONGEST, 0.0, (), known).theta
   wider = widened(at.base, near)
-  fitted = settled(at.problem, at.noise_models, wider, near, at.command_shift, known)
+  fitted = _likelier(settled(at.problem, at.noise_models, wider, near, at.command_shift, known), progress)
   late = {p.name: p for p, q in zip(widened(at.base, fitted.fit.theta), at.base, strict=True) if p != q}
   if any(p != wider[name] for name, p in late.items()):
     progress("recalibration within wider bounds")
@@ -102,6 +101,16 @@ def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
     return fitted
   progress("recalibration, weighed by what goes on beyond a tolerance")
   return settled(fitted.problem.reweighted(beyond), at.noise_models, wider, fitted.fit.theta, at.command_shift)
+
+
+def _likelier(fitted: RecalibratedTwin, progress: Progress) -> RecalibratedTwin:
+  """The fit, or one from where commands are late in place of all sensors, or the other way round, that is better."""
+  start = exchanged(fitted.fit.parameters, fitted.fit.theta, NOTICED)
+  if start is None:
+    return fitted
+  progress("recalibration with commands late in place of sensors")
+  other = settled_from(fitted, start)
+  return other if other.fit.cost < fitted.fit.cost - _SETTLED else fitted
 
 
 def begun(
@@ -214,27 +223,6 @@ def _unknown(problem: Problem) -> Slopes:
   return Slopes(problem.observations.stretch[: problem.n_train])
 
 
-def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
-  """The fewest stretches without which MuJoCo confirms a surrogate's step from its anchor, full parameters, (P,).
-
-  Or without which what it denies is too little to be noticed: near a minimum a prediction is a small difference of what
-  the stretches gain and lose, and hardly any of them could be trusted.
-  """
-  stretch, segments = problem.observations.stretch[: problem.n_train], problem.observations.stretches.segments
-  nats = lambda p, theta: np.bincount(stretch, 0.5 * p.fitted_residual(theta[None])[0] ** 2)
-  before = nats(problem, anchor)
-  predicted, actual = before - nats(problem, tried), before - nats(problem.exact, tried)
-  order = np.argsort(actual - predicted)
-  trusted = lambda rest: _trusted(predicted[rest].sum(), actual[rest].sum())
-  count = next(k for k in range(1, len(order) + 1) if trusted(order[k:]))
-  return [(segments.recording[k], float(segments.offset[k])) for k in order[:count]]
-
-
-def _trusted(predicted: float, actual: float) -> bool:
-  """Whether a surrogate led well: the actual reduction is enough of the predicted one, nats, or nearly it."""
-  return actual >= _TRUSTED * predicted or predicted - actual <= NOTICED
-
-
 def descended(
   problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED, known: Slopes | None = None
 ) -> tuple[Problem, Fit]:
@@ -269,7 +257,7 @@ def descended(
     there = problem.at(embedded(minimum.theta))
     actual = cost - _cost(there, base, minimum.theta)
     log.info("MuJoCo: %.1f nats of the %.1f that the surrogate predicted", actual, predicted)
-    if not _trusted(predicted, actual):
+    if not trusted(predicted, actual):
       guarded = misled(problem, embedded(theta), embedded(minimum.theta))
       log.info("left to MuJoCo: %s", guarded)
       problem, there = problem.guarding(guarded), there.guarding(guarded)

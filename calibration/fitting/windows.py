@@ -162,7 +162,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
 
 
 def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array, Array]:
-  """Time (T,) [s] on the grid of `period`, and what drove the car: the drive's command in its unit and steering [rad].
+  """Time (T,) [s] on a grid of `period`, and what drove the car: the drive's command in its unit and steering [rad],
+  means over the period after each time.
 
   A duty is that of the vehicle's supply_voltage: it is what was commanded times the logged battery over that.
 
@@ -171,7 +172,7 @@ def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array
   """
   if said := driven_otherwise(recording, vehicle):
     raise ValueError(said)
-  return recording.commands(period, vehicle.commands, vehicle.supply_voltage)
+  return recording.mean_commands(period, vehicle.commands, vehicle.supply_voltage)
 
 
 def driven_otherwise(recording: Recording, vehicle: Vehicle) -> str:

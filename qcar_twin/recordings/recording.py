@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
+from qcar_twin.recordings import held
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 
 ROLES = ("identify", "validate", "holdout")
@@ -189,11 +190,11 @@ class Recording:
       )
     return dataclasses.replace(self, streams=streams)
 
-  def grid(self, period: float) -> np.ndarray:
-    """Times start, start + period, ... up to the end, s (T,)."""
+  def grid(self, period: float, after: float = 0.0) -> np.ndarray:
+    """Times start + after, a period later, ... up to the end, s (T,)."""
     if not period > 0.0:
       raise RecordingError(f"period must be positive, not {period:g} s")
-    return self.start + period * np.arange(int(np.floor(self.duration / period + 1e-6)) + 1)
+    return self.start + after + period * np.arange(int(np.floor((self.duration - after) / period + 1e-6)) + 1)
 
   def resample(self, period: float) -> dict[str, np.ndarray]:
     """Every channel on one grid of `period` s, with the grid as "time": measurements linear (NaN outside their own
@@ -221,14 +222,33 @@ class Recording:
     it becomes the share of `supply` that puts the same voltage on the motor.
     """
     time = self.grid(period)
-    names = names or (self.drive_channel, "steering_command")
+    return time, self._commands(names, lambda stream: stream.at(time, 1e-6 * period), time, supply)
+
+  def mean_commands(
+    self, period: float, names: Sequence[str] = (), supply: float | None = None
+  ) -> tuple[np.ndarray, np.ndarray]:
+    """The same for a car that is to be driven with them: time (T,) on a grid that begins where they change, less than a
+    period after the recording does, and the mean of each held command over each period (qcar_twin/recordings/held.py).
+    """
+    told = [self.streams[name] for name in self._commanded(names) if name in self.streams]
+    time = self.grid(period, held.phase(told, self.start, period))
+    return time, self._commands(names, lambda stream: held.means(stream, time, period), time, supply)
+
+  def _commanded(self, names: Sequence[str]) -> Sequence[str]:
+    return names or (self.drive_channel, "steering_command")
+
+  def _commands(
+    self, names: Sequence[str], sampled: Callable[[Stream], np.ndarray], time: np.ndarray, supply: float | None
+  ) -> np.ndarray:
+    """Commands (T, c) of names, a duty as the share of `supply` that the battery gave at each time (T,)."""
+    names = self._commanded(names)
     commands = np.zeros((time.size, len(names)))
     for column, name in enumerate(names):
       if name in self.streams:
-        commands[:, column] = self.streams[name].at(time, 1e-6 * period)
+        commands[:, column] = sampled(self.streams[name])
       if name == "motor_duty" and supply is not None and (battery := self.battery) is not None:
         commands[:, column] *= np.interp(time, battery.time, battery.value) / supply
-    return time, commands
+    return commands
 
   @property
   def battery(self) -> Stream | None:

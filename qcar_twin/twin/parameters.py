@@ -144,7 +144,8 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
   own = {p.name: column.pop(p.name, np.array(p.nominal)) for law in tyre_laws().values() for p in law}
   out |= {name: wheelwise(value) for name, value in own.items()}
   zeros = ("driveline_damping", "differential_damping", "differential_friction", "gravity_x", "gravity_y", "supply_sag")
-  zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset", "steering_hold")
+  zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset", "steering_hold", "drive_hold")
+  zeros += ("one_way", "one_way_brake", "one_way_neutral", "one_way_weakness", "braked_at_first")
   return out | column | {name: np.zeros(size) for name in zeros}
 
 

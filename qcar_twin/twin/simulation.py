@@ -62,7 +62,7 @@ class Simulation:
     self._wheel_angle = np.zeros(len(start))
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
     self._untouched: dict[str, Array] = {}
-    self._write_models(command, known, first=True)
+    self._write_models(command, known, first=True, before=before)
     if lead is not None:
       self._lead = taken(lead * [scale[0], 1.0, 1.0, 1.0], self.engine.values, car)
     self._settle(command, known, before)
@@ -261,7 +261,7 @@ class Simulation:
       lead=self._lead[rows],
     )
 
-  def _write_models(self, commands: Array, known: Array, first: bool) -> None:
+  def _write_models(self, commands: Array, known: Array, first: bool, before: Array | None = None) -> None:
     """Let contact-stage mechanisms change the simulator, always from the fitted values.
 
     Afterwards only those that vary write again, and those that share a quantity with them.
@@ -277,7 +277,9 @@ class Simulation:
     dirty: set[str] = set()
     for slot in slots:
       view = Recorder(self.engine.values, slot.rows, self._untouched)
-      slot.mechanism.write_model(slot.theta, self._context(slot, commands, known), view)
+      context = self._context(slot, commands, known)
+      context = context if before is None else dataclasses.replace(context, before=before[slot.rows])
+      slot.mechanism.write_model(slot.theta, context, view)
       slot.touched |= view.changed
       dirty |= view.changed
     if dirty:

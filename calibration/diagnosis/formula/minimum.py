@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.fitting.confirmed import NOTICED
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.recalibration import NOTICED, descended
+from calibration.fitting.recalibration import descended
 from calibration.fitting.windows import spread_evenly
 
 MOST = 130.0  # s of driving: all stages on one core then take the half minute that is promised

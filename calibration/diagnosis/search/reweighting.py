@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, half_square, refine, simulate
 from calibration.diagnosis.pool import Pool
+from calibration.fitting.confirmed import NOTICED
 from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.optimiser import prior_cost
-from calibration.fitting.recalibration import NOTICED
 
 Array = NDArray[np.float64]
 _ROUNDS = 4  # of weights; each is another search from where the last one ended

@@ -7,7 +7,7 @@ which expanded model field of a `mujoco.batch.Batch` that lives. Values are per 
 import numpy as np
 from mujoco.batch import Batch
 
-from qcar_twin.twin.engines import Array, Rows
+from qcar_twin.twin.engines import Array, Rows, controller
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.engines.servo import most_moved, transition
 from qcar_twin.twin.mechanisms.base import CarDimensions
@@ -29,11 +29,15 @@ OTHER = (
   "servo_inertia",
   "servo_rate",
   "steering_hold",
+  "drive_hold",
+  *controller.QUANTITIES,
+  "braked_at_first",
   "ackermann_fraction",
   "centre_differential",
   "suspension_frequency",
   "suspension_damping_ratio",
 )
+_LED_BY = {"servo_time_constant", "servo_inertia", "servo_rate", "steering_hold", "drive_hold", *controller.QUANTITIES}
 _AT_ONCE = 1e-9  # s, time constant of a filter that passes on what it is told
 
 
@@ -43,6 +47,7 @@ class Fields:
   Attributes:
     servo: how the servos go on in a step, (4, N), see qcar_twin/twin/engines/servo.py.
     servo_most: what they move in a step at most, and the limit of their rates times lags, rad, (2, N).
+    switched: which motors have a speed controller, (N,).
     led: which of them must be led from step to step, (N,); what a car does is the same whoever is beside it.
   """
 
@@ -64,6 +69,7 @@ class Fields:
     self.values: dict[str, Array] = {}
     self._sags = False
     self.servo, self.servo_most, self.led = np.zeros((4, 0)), np.zeros((2, 0)), np.zeros(0, dtype=bool)
+    self.switched = np.zeros(0, dtype=bool)
 
   def load(self, values: dict[str, Array]) -> None:
     """Take base values of every quantity, (N,) or (N, 4), and write all of them."""
@@ -141,7 +147,7 @@ class Fields:
     if "differential_friction" in changed:
       for tendon in self._differential_tendons:
         self._batch.expand("tendon_frictionloss")[rows, tendon] = self.values["differential_friction"][rows]
-    if changed & {"servo_time_constant", "servo_inertia", "servo_rate", "steering_hold"}:
+    if changed & _LED_BY:
       self._write_servo()
     if "ackermann_fraction" in changed:
       curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
@@ -157,11 +163,14 @@ class Fields:
 
   def _write_servo(self) -> None:
     """MuJoCo's filter is a servo of first order. One of second order, of limited rate or told within a period is led
-    from step to step, and the filter passes on what it is told."""
+    from step to step, and the filter passes on what it is told; so is a motor with a speed controller, or told within
+    a period."""
     lag, rate = self.values["servo_time_constant"], self.values["servo_rate"]
     self.servo = transition(lag, self.values["servo_inertia"], self._timestep)
     self.servo_most = most_moved(rate, lag, self._timestep)
-    self.led = (self.values["servo_inertia"] > 0.0) | np.isfinite(rate) | (self.values["steering_hold"] > 0.0)
+    self.led = (self.values["servo_inertia"] > 0.0) | np.isfinite(rate)
+    self.switched = controller.present(self.values)
+    self.led |= (self.values["steering_hold"] > 0.0) | (self.values["drive_hold"] > 0.0) | self.switched
     self._batch.expand("actuator_dynprm")[:, self._handles.steering, 0] = np.where(self.led, _AT_ONCE, lag)
 
   def _write_damper(self, equality: int, tendon: int, damping: Array, rows: Rows) -> None:

@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from qcar_twin.plant import START
-from qcar_twin.twin.engines import Array, Rows
+from qcar_twin.twin.engines import Array, Rows, controller
 from qcar_twin.twin.engines.model_fields import Fields
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
@@ -42,6 +42,8 @@ class MujocoCars:
     self._handles = Handles.of(batch.model)
     self._servo_rate = np.zeros(len(batch.qpos))  # times the servo's lag, rad
     self._told = np.zeros((2, len(batch.qpos)))  # angles that servos were told in the two periods before, rad
+    self._driven = np.full((2, len(batch.qpos)), np.nan)  # drive's commands of these; NaN is what nobody knows
+    self._braked = np.full(len(batch.qpos), np.nan)  # what speed controllers' brakes do; NaN at a start
     self._limit = float(batch.model.actuator_ctrlrange[self._handles.steering, 1])
 
   def __getstate__(self) -> dict[str, Any]:
@@ -52,6 +54,7 @@ class MujocoCars:
     return {
       "batch": (batch.model, batch.nsim, batch.nthread), "made": made, "values": self.values, "held": held,
       "yaw": self._yaw.copy(), "servo_rate": self._servo_rate.copy(), "told": self._told.copy(),
+      "driven": self._driven.copy(), "braked": self._braked.copy(),
     }  # fmt: skip
 
   def __setstate__(self, state: dict[str, Any]) -> None:
@@ -60,7 +63,8 @@ class MujocoCars:
     self.commit()
     for name, array in state["held"].items():
       self.batch.bind(name)[:] = array
-    self._yaw, self._servo_rate, self._told = (state[name].copy() for name in ("yaw", "servo_rate", "told"))
+    for name in ("yaw", "servo_rate", "told", "driven", "braked"):
+      setattr(self, f"_{name}", state[name].copy())
 
   @property
   def values(self) -> dict[str, Array]:
@@ -90,7 +94,8 @@ class MujocoCars:
     self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve
     self._act[:] = 0.0
     self._act[:, -1] = s["steering_angle"]
-    self._servo_rate[:], self._told[:] = 0.0, s["steering_angle"]
+    self._servo_rate[:], self._told[:], self._driven[:] = 0.0, s["steering_angle"], np.nan
+    self._braked[:] = np.nan
     self._yaw = start[:, 2].copy()
     self._read(signals)
     signals[:, 6:8] = 0.0
@@ -99,7 +104,9 @@ class MujocoCars:
     for name in _STATE:
       self.batch.bind(name)[row] = other.batch.bind(name)[0]
     self._servo_rate[row], self._yaw[row] = other._servo_rate[0], other._yaw[0]
-    self._told[:, row] = other._told[:, 0]
+    self._told[:, row], self._driven[:, row], self._braked[row] = (
+      other._told[:, 0], other._driven[:, 0], other._braked[0]
+    )  # fmt: skip
 
   def push(self, force: Array, signals: Array) -> None:
     cosine, sine = np.cos(signals[:, 2]), np.sin(signals[:, 2])
@@ -113,23 +120,24 @@ class MujocoCars:
     rows = slice(None) if running is None else running
     target = np.clip(commands[:, 1], -self._limit, self._limit)
     if self._fields.led.any():
-      self._lead(target, running)
+      self._lead(commands[:, 0], target, running)
     else:
       self.batch.step(running, nstep=self._substeps)
     self._told[:, rows] = np.stack([target, self._told[0]])[:, rows]
+    self._driven[:, rows] = np.stack([commands[:, 0], self._driven[0]])[:, rows]
     self._read(signals)
 
-  def _lead(self, target: Array, running: NDArray[np.intp] | None) -> None:
-    """Steps with servos of second order, of limited rate, or that go to the angle told before for a part of the period:
-    in the step in which that part ends, by their shares of the step."""
+  def _lead(self, drive: Array, target: Array, running: NDArray[np.intp] | None) -> None:
+    """Steps with servos of second order or of limited rate, with speed controllers, or with what was told before for a
+    part of the period: in the step in which that part ends, by their shares of the step."""
     rows = slice(None) if running is None else running
     a, b, c, d = self._fields.servo
     (step, most), led = self._fields.servo_most, self._fields.led
-    hold = self.values["steering_hold"]
-    longer = hold >= 1.0
-    old, new = np.where(longer, self._told[1], self._told[0]), np.where(longer, self._told[0], target)
+    old, new, hold = _held(self.values["steering_hold"], target, *self._told)
+    before, now, held_drive = _held(self.values["drive_hold"], drive, *self._driven)
     for n in range(self._substeps):
-      share = np.clip((hold - longer) * self._substeps - n, 0.0, 1.0)
+      self._drive(before, now, np.clip(held_drive * self._substeps - n, 0.0, 1.0), rows)
+      share = np.clip(hold * self._substeps - n, 0.0, 1.0)
       angle, rate = self._act[:, -1].copy(), self._servo_rate.copy()
       told, going = angle.copy(), np.zeros(len(angle))
       for part, held in ((share, old), (1.0 - share, new)):
@@ -139,6 +147,18 @@ class MujocoCars:
       self._ctrl[led, self._handles.steering] = told[led]
       self._servo_rate[rows] = going[rows]
       self.batch.step(running, nstep=1)
+
+  def _drive(self, before: Array, now: Array, share: Array, rows: Rows) -> None:
+    """Let what the drive was told before act on the motors for a share of the step, (N,), then what it is told now."""
+    if self._fields.switched.any():
+      emf = self.values["motor_damping"] / self.values["torque_per_volt"] * self._qvel[:, self._handles.motor_dof]
+      braked = np.where(np.isnan(self._braked), self.values["braked_at_first"], self._braked)
+      shares, supply = np.stack([self.values[name] for name in controller.QUANTITIES]), self._car.duty_supply
+      before, then = controller.acting(before, emf, braked, shares, supply)
+      now, after = controller.acting(now, emf, braked, shares, supply)
+      self._braked[rows] = np.where(share < 0.5, after, then)[rows]
+    self._ctrl[:, self._handles.motor] = (1.0 - share) * now + share * before
+    self._fields.drive(self._ctrl[:, self._handles.motor])
 
   def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
     return False
@@ -158,3 +178,11 @@ class MujocoCars:
     out[:, 6], out[:, 7] = ax + half_turn * ay, ay - half_turn * ax
     out[:, 8] = v[:, self._handles.motor_dof]
     out[:, 9] = 0.5 * (q[:, self._handles.steering_qpos[0]] + q[:, self._handles.steering_qpos[1]])
+
+
+def _held(hold: Array, now: Array, told: Array, told_before: Array) -> tuple[Array, Array, Array]:
+  """Commands that are held for so many periods, (N,), below 2: what acts first in this one, what then, and the share of
+  it for which the first does. NaN among what was told is what nobody knows: the same as came after it."""
+  told = np.where(np.isnan(told), now, told)
+  told_before, longer = np.where(np.isnan(told_before), told, told_before), hold >= 1.0
+  return np.where(longer, told_before, told), np.where(longer, told, now), hold - longer

@@ -86,8 +86,9 @@ class Context:
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
     max_torque: largest torque of the motor, N m, (n,); inf without a limit.
-    before: for `initial` alone, commands of the K periods before the segment as the mechanisms before hold them back,
-      (n, K, 2), the newest last, NaN where nobody knows; None where nobody knows any.
+    before: for `initial` and the first `write_model` alone, commands of the K periods before the segment, (n, K, 2),
+      the newest last, for the former as the mechanisms before hold them back; NaN where nobody knows, None where nobody
+      knows any.
     lead: the drive before the segment, (n, 4), in the order of LEAD (qcar_twin/plant.py), with the drive command that
       the motion took in place of its acceleration; NaN where the car stood or nobody knows.
   """
@@ -146,8 +147,11 @@ class Model(Protocol):
   `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
   `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
   `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `steering_hold` [periods, below 2, for which
-  the servo still goes to the angles told before], `ackermann_fraction` [-], `added_mass` [kg], `added_mass_x` [m, from
-  the CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
+  the servo still goes to the angles told before], `drive_hold` [periods, below 2, for which the motor still gets what
+  it got before], `one_way`, `one_way_brake`, `one_way_neutral`, `one_way_weakness` [-, shares of a speed controller],
+  `braked_at_first` [what its brake does at a start, engines/controller.py], `ackermann_fraction` [-], `added_mass`
+  [kg], `added_mass_x` [m, from the CG], `added_mass_y` [m],
+  `cg_height_offset` [m], `cg_lateral_offset` [m].
   """
 
   def get(self, quantity: str) -> Array:

@@ -5,10 +5,10 @@ import numpy as np
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model, State
 from qcar_twin.twin.mechanisms.elements import (
-  backdrop,
-  delay_line,
   delay_step,
+  drive_line,
   held_back,
+  hold_drive,
   left_of_period,
   told,
   whole_delay_line,
@@ -19,8 +19,8 @@ class CommandDelay(Mechanism):
   """Both commands act a while after they were logged, or all sensors show it so late: a log tells no difference.
 
   Equation: V(t) = u_V(t - d); delta(t) = u_delta(t - d).
-  Units: d s, V V, delta rad. Parts of a period mix two neighbouring voltages, which is the exact mean; the servo still
-    goes to the angle that it was told before.
+  Units: d s, V V, delta rad. Parts of a period mix two neighbouring voltages, which is the exact mean; a duty is held
+    for them, and the servo still goes to the angle that it was told before.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.04 s is two frames of 20 ms, one that a radio waits and one that servo and speed controller do.
   Confounded with: encoder_latency, imu_latency and pose_latency together, the same in a log; drive_delay together with
@@ -39,8 +39,7 @@ class CommandDelay(Mechanism):
 
   def initial(self, theta: Array, context: Context) -> State:
     delay, period, longest = theta[:, 0], context.period, self.parameters[0].upper
-    volts, angles = told(context.before, 0), told(context.before, 1)
-    voltage = delay_line(delay, period, longest, context.commands[:, 0], backdrop(context), volts)
+    voltage, angles = drive_line(delay, longest, context), told(context.before, 1)
     angle = whole_delay_line(delay, period, longest, context.commands[:, 1], context.signal("steering_angle"), angles)
     return _named(voltage, "voltage") | _named(angle, "angle")
 
@@ -50,6 +49,7 @@ class CommandDelay(Mechanism):
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     model.set("steering_hold", model.get("steering_hold") + left_of_period(theta[:, 0], context.period))
+    hold_drive(model, theta[:, 0], context)
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step, held_back, told
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model, State
+from qcar_twin.twin.mechanisms.elements import delay_step, drive_line, held_back, hold_drive
 
 _FRAME = 0.02  # s, in which pulses for speed controllers come: a command waits for the next
 
@@ -15,7 +15,7 @@ class DriveDelay(Mechanism):
   """The motor gets the voltage that was commanded a while ago.
 
   Equation: V(t) = u(t - d).
-  Units: d s. Parts of a period mix two neighbouring commands, which is the exact mean.
+  Units: d s. Parts of a period mix two neighbouring voltages, which is the exact mean; a duty is held for them.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.035 s is a frame of 20 ms, in which pulses for speed controllers come, and one and a half
     control periods of 10 ms.
@@ -37,11 +37,13 @@ class DriveDelay(Mechanism):
     return {"drive_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
-    delay, longest, past = theta[:, 0], self.parameters[0].upper, told(context.before, 0)
-    return delay_line(delay, context.period, longest, context.commands[:, 0], backdrop(context), past)
+    return drive_line(theta[:, 0], self.parameters[0].upper, context)
 
   def past(self, theta: Array, before: Array, period: float) -> Array:
     return np.stack([held_back(before[..., 0], theta[:, 0], period), before[..., 1]], axis=-1)
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    hold_drive(model, theta[:, 0], context)
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

@@ -5,12 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import idle_voltage, ramp
+from qcar_twin.twin.engines import controller
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
+from qcar_twin.twin.mechanisms.elements import idle_voltage
 
-CORNER = 0.02  # V
-NEUTRAL = 0.02  # of the supply, stated prior: twice a step of pulses that are told in hundredths
-STANDS = 0.1  # V of back-EMF, stated prior: what a controller takes for a motor that stands
 _EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
 
 
@@ -30,8 +28,7 @@ class DriveOneWay(Mechanism):
 
   name = "drive_one_way"
   subsystem = "drive"
-  stage = "actuator"
-  link = "device"
+  stage = "contact"
   fitted_rank = 25
   drives = ("duty",)
   whole = ("drive_one_way", "drive_one_way_brake", "drive_one_way_neutral", "drive_one_way_weakness")
@@ -62,36 +59,9 @@ class DriveOneWay(Mechanism):
     """What kind of controller follows a duty few descriptions of a car say."""
     return {p.name: _EITHER for p in self.parameters}
 
-  def initial(self, theta: Array, context: Context) -> State:
-    """What stands under a command backwards is held by the brake, but where it was told so just now."""
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    for name, share in zip(controller.QUANTITIES, theta.T, strict=True):
+      model.set(name, model.get(name) + share)
     told = context.commands[:, 0]
-    before = told if context.before is None else context.before[:, -1, 0]
-    least = np.fmax(told, before)  # what nobody knows was the same
-    neutral, moves = self._told(context, least)
-    return {"brakes": ((neutral < 0.5) & (least < 0.0) & (moves < 0.5)).astype(np.float64)}
-
-  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    u, e = command[:, 0], idle_voltage(context)
-    neutral, moves = self._told(context, u)
-    way = np.where(e < 0.0, -1.0, 1.0)
-    along, back = u * way, e * way
-    # what arrives late may be neutral where nobody knows what was told before
-    least = np.minimum(u, context.commands[:, 0])
-    asked = (least < 0.0) & (self._told(context, least)[0] < 0.5)
-    held = asked & ((state["brakes"] > 0.5) | ((e > 0.0) & (moves > 0.5)))
-    state["brakes"] = held.astype(np.float64)
-    shorted = np.minimum(np.abs(u) / context.car.duty_supply, 1.0) * (1.0 - theta[:, 3])
-    stopped = ramp(back - along, CORNER)
-    braking = theta[:, 1] * np.maximum(moves, held) * (back * (1.0 - shorted) - along)
-    driving = np.where(along >= 0.0, theta[:, 0] * stopped, 0.0)
-    told = np.where(((u < 0.0) & (e > 0.0)) | held, braking, driving)
-    acting = command.copy()
-    acting[:, 0] = u + way * (neutral * theta[:, 2] * stopped + (1.0 - neutral) * told)
-    return acting
-
-  @staticmethod
-  def _told(context: Context, command: Array) -> tuple[Array, Array]:
-    """How far commands are neutral, and how far motors move, (n,) each, 0 to 1."""
-    ratio = np.minimum(np.abs(command) / (NEUTRAL * context.car.duty_supply), 1e3) ** 2
-    back = idle_voltage(context) ** 2
-    return 1.0 / (1.0 + ratio * ratio), back / (back + STANDS**2)
+    higher = told if context.before is None else np.fmax(told, context.before[:, -1, 0])  # NaN: it was told the same
+    model.set("braked_at_first", controller.at_first(higher, idle_voltage(context), context.car.duty_supply))

@@ -169,6 +169,22 @@ def whole_delay_line(
   return line | {"part": np.zeros(len(delay))}
 
 
+def drive_line(delay: Array, longest: float, context: Context) -> State:
+  """The line of a drive's commands: by whole periods alone where a speed controller answers to a duty.
+
+  It switches with the command: a mean of two is a command that it was never given, which may neither drive nor brake.
+  """
+  line = whole_delay_line if context.car.duty_supply > 0.0 else delay_line
+  now, past = context.commands[:, 0], told(context.before, 0)
+  return line(delay, context.period, longest, now, backdrop(context), past)
+
+
+def hold_drive(model: Model, delay: Array, context: Context) -> None:
+  """What `drive_line` leaves of a delay, by the motor."""
+  if context.car.duty_supply > 0.0:
+    model.set("drive_hold", model.get("drive_hold") + left_of_period(delay, context.period))
+
+
 def left_of_period(delay: Array, period: float) -> Array:
   """What a delay in s, (n,), has beyond whole periods, in periods: below 1."""
   samples = np.maximum(delay / period, 0.0)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.plant import START
-from qcar_twin.twin.engines import Array, Rows
+from qcar_twin.twin.engines import Array, Rows, controller
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.engines.reduced import layout
 from qcar_twin.twin.engines.reduced.build import load
@@ -31,6 +31,9 @@ _PLAIN = {
   "max_torque": "MAX_TORQUE",
   "supply_sag": "SUPPLY_SAG",
   "steering_hold": "STEERING_HOLD",
+  "drive_hold": "DRIVE_HOLD",
+  "braked_at_first": "BRAKED_AT_FIRST",
+  **{name: name.upper() for name in controller.QUANTITIES},
   "motor_damping": "MOTOR_DAMPING",
   "driveline_friction": "DRIVELINE_FRICTION",
   "wheel_inertia": "WHEEL_INERTIA",
@@ -184,6 +187,7 @@ class ReducedCars:
     for name, value in placed.items():
       self.state[layout.STATE_ROW[name], :n] = value
     self.state[layout.STATE_ROW["LOAD"] :][:4] = -1.0
+    self.state[layout.STATE_ROW["DRIVEN"] :][:3] = np.nan  # and what the brake does
     self.state[layout.STATE_ROW["HEIGHT"] :][:4] = -self._sinking
     self.state[:, n:] = self.state[:, n - 1 : n]
     signals[:, :6], signals[:, 6:8], signals[:, 8], signals[:, 9] = start[:, :6], 0.0, motor, s["steering_angle"]
@@ -287,6 +291,10 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
     "IMU_Y": v.imu_y,
     "MAX_STEERING": v.max_steering,
     "MAX_COMMAND": largest_command(v.drive, v.supply_voltage),
+    "DUTY_SUPPLY": (supply := CarDimensions.of(v).duty_supply),
+    "NEUTRAL": controller.NEUTRAL * supply,
+    "STANDS": controller.STANDS,
+    "CORNER": controller.CORNER,
     "SINKING": sunk,
     "CONTACT_DAMPING": contact[0],
     "CONTACT_STIFFNESS": contact[1],

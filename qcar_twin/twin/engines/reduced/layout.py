@@ -29,6 +29,9 @@ STATE = (
   "SERVO_RATE",  # times its lag, rad
   "TOLD",  # angle that the servo was told in the period before, rad
   "TOLD_BEFORE",
+  "DRIVEN",  # drive's command of the period before, in its unit; NaN at a start
+  "DRIVEN_BEFORE",
+  "BRAKED",  # what a speed controller's brake does, see engines/controller.py; NaN at a start
 )
 WHEEL_STATE = (
   "SLIP_X",
@@ -56,6 +59,12 @@ NUMBERS = (
   "SERVO_STEP",  # that the servo turns at most in a step, rad
   "SERVO_MOST",  # its highest rate times its lag, rad
   "STEERING_HOLD",  # periods for which it still goes to the angles told before
+  "ONE_WAY",  # of a speed controller, see engines/controller.py
+  "ONE_WAY_BRAKE",
+  "ONE_WAY_NEUTRAL",
+  "ONE_WAY_WEAKNESS",
+  "BRAKED_AT_FIRST",
+  "DRIVE_HOLD",  # periods for which the motor still gets what it got before
   "ACKERMANN",  # half difference of the road-wheel angles per squared mean, 1/rad
   "MASS",
   "MOMENT_X",  # mass times place of the whole car, kg m
@@ -112,6 +121,10 @@ CONSTANTS = (
   "IMU_Y",
   "MAX_STEERING",
   "MAX_COMMAND",
+  "DUTY_SUPPLY",  # that a duty of 1 is, V; 0 where the drive takes no duty
+  "NEUTRAL",  # command that a speed controller takes for none, V
+  "STANDS",  # back-EMF of a motor that it takes for one that stands, V
+  "CORNER",  # over which its diodes open, V
   "SINKING",  # m
   "CONTACT_DAMPING",  # 1/s, of MuJoCo's soft row
   "CONTACT_STIFFNESS",  # 1/s^2

@@ -247,6 +247,37 @@ INLINE void solve(V A[], V b[], V friction) {
   }
 }
 
+// A command of which the one before acts for the first `share` of a period.
+typedef struct { V older, newer, share; } Held;
+
+// By a number of periods below 2 that it is held; rows of the state: what was told in the period before, and before that.
+// NaN there is what nobody knows: the same as now.
+INLINE Held held(const Cars* a, int told_row, int hold_row, V command) {
+  V told = state(a, told_row), before = state(a, told_row + 1), hold = number(a, hold_row);
+  told = pick(told == told, told, command), before = pick(before == before, before, told);
+  return (Held){pick(hold >= 1, before, told), pick(hold >= 1, told, command), hold - pick(hold >= 1, all(1), all(0))};
+}
+
+// Share of step n of `count` in which the older command still acts.
+INLINE V still_older(const Held* c, int n, int count) { return most(least(c->share * count - n, all(1)), all(0)); }
+
+// What acts of a command on a motor of this back-EMF, V, and what the brake does then: controller.py in C.
+INLINE V controlled(const Cars* a, V told, V back_emf, V* braked) {
+  const double* C = a->C;
+  V way = pick(back_emf < 0, all(-1), all(1)), along = told * way, back = back_emf * way;
+  V ratio = least(absolute(told) * (1 / C[C_NEUTRAL]), all(1e3)), emf2 = back_emf * back_emf;
+  ratio *= ratio;
+  V idle = 1 / (1 + ratio * ratio), moves = emf2 / (emf2 + C[C_STANDS] * C[C_STANDS]);
+  Mask active = idle < .5, held = (told < 0) & active & ((*braked > .5) | ((back_emf > 0) & (moves > .5)));
+  *braked = pick(held, all(1), pick((*braked > 1.5) & ~active, all(2), all(0)));
+  V shorted = least(absolute(told) * (1 / C[C_DUTY_SUPPLY]), all(1)) * (1 - number(a, P_ONE_WAY_WEAKNESS));
+  V beyond = most(back - along, all(0)), stopped = beyond * beyond / (beyond + C[C_CORNER]);
+  V braking = number(a, P_ONE_WAY_BRAKE) * pick(held, all(1), moves) * (back * (1 - shorted) - along);
+  V driving = pick(along >= 0, number(a, P_ONE_WAY) * stopped, all(0));
+  V switched = pick(((told < 0) & (back_emf > 0)) | held, braking, driving);
+  return told + way * (idle * number(a, P_ONE_WAY_NEUTRAL) * stopped + (1 - idle) * switched);
+}
+
 // One control period of LANES cars: `count` steps with the commands held; force: x, y [N] and moment [N m] on the body
 // at the CG, in the body frame of the period's beginning, or NULL.
 static void drive_lanes(const Cars* a, V command, V steering, const V force[3], int count, V out[N_SIGNAL]) {
@@ -280,11 +311,12 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   const V servo_step = number(a, P_SERVO_STEP), servo_most = number(a, P_SERVO_MOST);
   const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
   const V between = number(a, P_CENTRE_DAMPING);
-  // angles that the servo goes to for the first `hold` of the period, and for the rest
-  const V told = state(a, S_TOLD), told_before = state(a, S_TOLD_BEFORE);
-  V hold = number(a, P_STEERING_HOLD);
-  const V older = pick(hold >= 1, told_before, told), newer = pick(hold >= 1, told, steering);
-  hold -= pick(hold >= 1, all(1), all(0));
+  // what acts for the first `hold` of the period, and for the rest
+  const Held angle_told = held(a, S_TOLD, P_STEERING_HOLD, steering), drive_told = held(a, S_DRIVEN, P_DRIVE_HOLD, command);
+
+  V braked = state(a, S_BRAKED);
+  braked = pick(braked == braked, braked, number(a, P_BRAKED_AT_FIRST));
+  const V emf = number(a, P_MOTOR_DAMPING) / number(a, P_TORQUE_PER_COMMAND);
 
   Fixed fixed;
   WHEELS {
@@ -358,12 +390,19 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
     Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
-    V spin2 = yaw_rate * yaw_rate, off = servo - newer, off_older = servo - older;
-    V still = most(least(hold * count - n, all(1)), all(0));  // share of this step that belongs to the older angle
-    V next_way = (1 - still) * clip(clip(newer + sa * off + sb * servo_rate, stop) - servo, servo_step) +
-                 still * clip(clip(older + sa * off_older + sb * servo_rate, stop) - servo, servo_step);
-    V drawn = command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor;
-    V torque = clip(drawn / (1 + number(a, P_SUPPLY_SAG) * command * command), number(a, P_MAX_TORQUE));
+    V spin2 = yaw_rate * yaw_rate, off = servo - angle_told.newer, off_older = servo - angle_told.older;
+    V still = still_older(&angle_told, n, count), volts_still = still_older(&drive_told, n, count);
+    V next_way = (1 - still) * clip(clip(angle_told.newer + sa * off + sb * servo_rate, stop) - servo, servo_step) +
+                 still * clip(clip(angle_told.older + sa * off_older + sb * servo_rate, stop) - servo, servo_step);
+    V newer = drive_told.newer, older = drive_told.older;
+    if (C[C_DUTY_SUPPLY] > 0) {
+      V back_emf = emf * motor, then = braked;
+      newer = controlled(a, newer, back_emf, &braked), older = controlled(a, older, back_emf, &then);
+      braked = pick(volts_still < .5, braked, then);
+    }
+    V driven = (1 - volts_still) * newer + volts_still * older;
+    V drawn = driven * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor;
+    V torque = clip(drawn / (1 + number(a, P_SUPPLY_SAG) * driven * driven), number(a, P_MAX_TORQUE));
     b[VX] = m * now.x - my * yaw_rate + mz * pitch_rate + h * (f.x + m * g.x + spin2 * mx) + t.to_plane[0];
     b[VY] = m * now.y + mx * yaw_rate - mz * roll_rate + h * (f.y + m * g.y + spin2 * my) + t.to_plane[1];
     b[YAW] = mx * now.y - my * now.x + iy * yaw_rate + iyr * roll_rate + iyp * pitch_rate +
@@ -422,7 +461,8 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   put(a, S_MOTOR, motor), put(a, S_FRONT_DIFFERENCE, front), put(a, S_REAR_DIFFERENCE, rear);
   put(a, S_CENTRE_DIFFERENCE, centre);
   put(a, S_SERVO, servo), put(a, S_SERVO_BEFORE, servo_before), put(a, S_SERVO_RATE, servo_rate);
-  put(a, S_TOLD, steering), put(a, S_TOLD_BEFORE, told);
+  put(a, S_TOLD_BEFORE, state(a, S_TOLD)), put(a, S_TOLD, steering);
+  put(a, S_DRIVEN_BEFORE, state(a, S_DRIVEN)), put(a, S_DRIVEN, command), put(a, S_BRAKED, braked);
   // as twin.py reads an accelerometer that spoke a step ago
   V half = .5 * h * yaw_rate;
   Pair body = turned(v, -s, c);

@@ -147,7 +147,8 @@ def test_hooks_are_those_of_the_stage(mechanism):
   changed = {h for h in stage.values() if getattr(kind, h) is not getattr(Mechanism, h)}
   in_the_circuit = {"write_model"} if kind.passes is not Mechanism.passes else set()
   the_cars_own = {"write_model"} if mechanism.stage == "sensor" and mechanism.subsystem != "sensor" else set()
-  within_a_period = {"write_model"} if kind in map(type, select(["steering_delay", "command_delay"])) else set()
+  delays = select(["steering_delay", "drive_delay", "command_delay"])
+  within_a_period = {"write_model"} if kind in map(type, delays) else set()
   assert changed == {stage[mechanism.stage]} | in_the_circuit | the_cars_own | within_a_period
   assert kind.__subclasses__() == []
   if mechanism.varies:
