@@ -35,6 +35,9 @@ _MEMORY = 0.1  # s within which samples of one channel count as one witness
 _COLUMNS = 48  # simulations of the whole data set held in memory at once
 _WORTH_A_COPY = 400_000  # residuals; fewer are done sooner than a copy of the process is made
 _KEPT = 3  # predictions
+NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
+# of a predicted reduction: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
+_TRUSTED = 0.25
 _LEGS = 4  # parts after each of which a trial that costs too much is given up
 
 
@@ -284,3 +287,24 @@ def correlation_length(observations: Observations, rows: NDArray[np.int64]) -> f
   step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
   direct = RESIDUALS[CHANNELS[observations.channel[rows[0]]]].is_direct
   return max(1.0, (_MEMORY if direct else observations.horizon) / step)
+
+
+def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
+  """The fewest stretches without which MuJoCo confirms a surrogate's step from its anchor, full parameters, (P,).
+
+  Or without which what it denies is too little to be noticed: near a minimum a prediction is a small difference of what
+  the stretches gain and lose, and hardly any of them could be trusted.
+  """
+  stretch, segments = problem.observations.stretch[: problem.n_train], problem.observations.stretches.segments
+  nats = lambda p, theta: np.bincount(stretch, 0.5 * p.fitted_residual(theta[None])[0] ** 2)
+  before = nats(problem, anchor)
+  predicted, actual = before - nats(problem, tried), before - nats(problem.exact, tried)
+  order = np.argsort(actual - predicted)
+  leads = lambda rest: trusted(predicted[rest].sum(), actual[rest].sum())
+  count = next(k for k in range(1, len(order) + 1) if leads(order[k:]))
+  return [(segments.recording[k], float(segments.offset[k])) for k in order[:count]]
+
+
+def trusted(predicted: float, actual: float) -> bool:
+  """Whether a surrogate led well: the actual reduction is enough of the predicted one, nats, or nearly it."""
+  return actual >= _TRUSTED * predicted or predicted - actual <= NOTICED

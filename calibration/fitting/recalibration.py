@@ -12,17 +12,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.confirmed import NOTICED, misled, trusted
-from calibration.fitting.exchanged import exchanged
 from calibration.fitting.first_guess import best_start, varied_starts
-from calibration.fitting.likelihood import Problem, flat_weighting, weighting_from
+from calibration.fitting.likelihood import NOTICED, Problem, flat_weighting, misled, trusted, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, fitted_count, observe
 from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
 from calibration.fitting.slopes import Slopes, Stencil, central_differences
 from calibration.fitting.surrogate import anchored
-from calibration.fitting.tolerances import weighed_beyond, widened
+from calibration.fitting.tolerances import exchanged, weighed_beyond, widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.noise import means_at_rest
 from calibration.fitting.observations import CHANNELS, Observations
-from calibration.fitting.optimiser import Fit
+from calibration.fitting.optimiser import Fit, prior_cost
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import catalogue
@@ -26,6 +26,9 @@ _TOUCHES = 1e-4  # of a bound, within which an estimate has stopped there
 _UNUSUAL = 2.0  # standard deviations: one car in twenty
 _EXACT = 1e-9  # share of a sum of squares that is none
 _STATED = dict.fromkeys((f.name for f in dataclasses.fields(CarDimensions)), 1.0)  # deviations of whatever is measured
+# what a log hardly tells apart: commands that act late, and sensors that all speak late; how far they are exchanged, s
+_COMMANDS, _SENSORS = ("drive_delay", "steering_delay"), ("encoder_latency", "imu_latency", "pose_latency")
+_STEP, _MOST = 1e-3, 0.1
 _WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
 
 
@@ -126,6 +129,28 @@ def widened(parameters: ParameterSet, estimates: NDArray[np.float64]) -> Paramet
     elif value <= p.lower * (1.0 + _TOUCHES):
       moved[p.name] = dataclasses.replace(p, lower=0.5 * p.lower)
   return parameters.replace(**moved)
+
+
+def exchanged(parameters: ParameterSet, theta: Array, worth: float) -> Array | None:
+  """Estimates in which dead times of all commands have grown by what ages of all sensors have shrunk, or the other way
+  round, (p,), so that the priors find them as likely as can be; None where that gains them less than `worth`, nats.
+
+  Both move what sensors show of a drive by the same time. A fit goes from one to the other along a valley, which held
+  commands make rough: it may come to rest anywhere on the way.
+  """
+  change = np.zeros(len(theta))
+  for names, sign in ((_COMMANDS, 1.0), (_SENSORS, -1.0)):
+    for name in names:
+      if name in parameters.names:
+        change[parameters.index(name)] = sign
+  if not all(name in parameters.names for name in _COMMANDS) or not (change < 0.0).any():
+    return None
+  tried = theta + np.arange(-_MOST, _MOST + _STEP, _STEP)[:, None] * change
+  inside = ((tried >= parameters.lower) & (tried <= parameters.upper) | (change == 0.0)).all(axis=1)
+  costs = np.array([prior_cost(one, parameters) for one in tried[inside]])
+  if not len(costs) or prior_cost(theta, parameters) - costs.min() < worth:
+    return None
+  return tried[inside][int(np.argmin(costs))]
 
 
 def weighed_beyond(problem: Problem, fit: Fit, jacobian: Array, floor: Mapping[str, float]) -> tuple[Weighting, float]:

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.fitting.confirmed import NOTICED
-from calibration.fitting.likelihood import Problem
+from calibration.fitting.likelihood import NOTICED, Problem
 from calibration.fitting.recalibration import descended
 from calibration.fitting.windows import spread_evenly
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, half_square, refine, simulate
 from calibration.diagnosis.pool import Pool
-from calibration.fitting.confirmed import NOTICED
-from calibration.fitting.likelihood import Problem, Weighting, weighting_from
+from calibration.fitting.likelihood import NOTICED, Problem, Weighting, weighting_from
 from calibration.fitting.optimiser import prior_cost
 
 Array = NDArray[np.float64]

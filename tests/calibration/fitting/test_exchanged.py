@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.exchanged import exchanged
+from calibration.fitting.tolerances import exchanged
 from qcar_twin.parameters import Parameter, ParameterSet
 
 STD = 0.005  # s

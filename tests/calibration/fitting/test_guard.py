@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.fitting.confirmed import misled
+from calibration.fitting.likelihood import misled
 
 SIZE = 10  # values of a stretch
 STRAIGHT, SPIN, CIRCLE = ("straight", 0.0), ("circle", 0.0), ("circle", 6.0)
