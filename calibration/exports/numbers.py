@@ -38,7 +38,8 @@ MATCHED = (
 )  # fmt: skip
 _CHANNELS = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 _ROUNDS, _MOVE, _REACH = 5, 1e-3, 0.5  # of Gauss-Newton; share for slopes; most change of a logarithm in a round
-_WITHOUT = ("cg_lateral_offset", "differential_lock", "floor_slope")  # what needs two wheels on an axle, or a slope
+# what needs two wheels on an axle, a slope, or a speed controller that switches with the motor's speed
+_WITHOUT = ("cg_lateral_offset", "differential_lock", "floor_slope", "drive_one_way")
 _PRIOR = 1.0  # standard deviation of a factor's logarithm: what the driving does not show stays where it is
 _SECONDS = 90.0  # of driving that is matched at most
 # N s/m, damping between the axles' rims that stands for an open differential's 0: even a tyre that spins holds its axle

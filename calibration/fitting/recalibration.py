@@ -103,7 +103,7 @@ def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
 
 def _likelier(fitted: RecalibratedTwin, progress: Progress) -> RecalibratedTwin:
   """The fit, or one from where commands are late in place of all sensors, or the other way round, that is better."""
-  start = exchanged(fitted.fit.parameters, fitted.fit.theta, NOTICED)
+  start = exchanged(fitted.fit.parameters, fitted.fit.theta, _SETTLED)
   if start is None:
     return fitted
   progress("recalibration with commands late in place of sensors")
