@@ -19,7 +19,7 @@ from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.beginnings import begin_sets
 from calibration.diagnosis.search.multistart import multistart_models
 from calibration.diagnosis.search.reweighting import reweight_if_worth_it
-from calibration.diagnosis.search.warm_start import LIKELY, level, warm_start
+from calibration.diagnosis.search.warm_start import LIKELY, exchange, level, warm_start
 from calibration.diagnosis.search.weighing import shown_size
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import sensor_floor
@@ -102,6 +102,8 @@ def search(
   progress("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
+    exchange(pool, best)
+    best = pool.best(list(pool.models.values()))
     _polish(pool, [best], _PATIENCE)
     lowered = level(pool, best)
     # with new weights the base was only brought near its minimum, and its cost is many times larger

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from calibration.diagnosis.candidates import HELD, Candidate, begin, candidate, promise, refine
 from calibration.diagnosis.pool import Pool
+from calibration.fitting.tolerances import exchanged
 
 LIKELY = 5  # best sets of each size that are tried from elsewhere, too
 _RETURNING = 4  # Gauss-Newton steps for a set from where another had ended
@@ -16,6 +17,7 @@ _LEADING = 4  # steps with fresh columns for a model of an earlier search
 # nats by which a model must be expected lower to be fitted again, and must come down for its relatives to follow
 _LOWER = 5.0
 _ROUNDS = 3
+_PRIORS = 1.0  # nats that priors must gain by an exchange: what a fit is sought to
 
 
 def level(pool: Pool, best: Candidate) -> float:
@@ -48,6 +50,24 @@ def level(pool: Pool, best: Candidate) -> float:
     if all(cost - pool.models[key].cost < _LOWER for key, cost in stood.items()):
       break
   return before - pool.base.cost
+
+
+def exchange(pool: Pool, best: Candidate) -> None:
+  """Fit the best set and those that it holds with commands late in place of all sensors, or the other way round, too.
+
+  The recalibrated twin may have split a delay as it could with what it lacked; every set goes on from where it ended.
+  """
+  names, made = sorted(best.mechanisms), []
+  for size in range(len(names) + 1):
+    for key in map(frozenset, itertools.combinations(names, size)):
+      model = pool.models.get(key)
+      start = exchanged(model.free, model.values, _PRIORS) if model else None
+      if model and start is not None:
+        made.append(candidate(pool.problem, model.mechanisms, model, pool.priors, model.free.named(start)))
+  begin(pool.problem, made)
+  refine(pool.problem, made, _LEADING, full=True)
+  for model in made:
+    pool.offer(model)
 
 
 def _taking_part(pool: Pool, best: Candidate) -> list[frozenset[str]]:

@@ -19,7 +19,7 @@ from calibration.diagnosis.search.structure import (
   refine_stalled,
   search,
 )
-from calibration.diagnosis.search.warm_start import level, warm_start
+from calibration.diagnosis.search.warm_start import exchange, level, warm_start
 from calibration.fitting.recalibration import recalibrate_from
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
@@ -40,6 +40,20 @@ def test_a_base_that_stopped_short_is_taken_to_the_minimum_a_larger_model_found(
   assert pool.base.cost > clean_pool.base.cost + 100.0
   level(pool, best)
   assert pool.base.cost == pytest.approx(clean_pool.base.cost, rel=1e-3)
+
+
+def test_sets_go_on_from_where_their_delays_are_exchanged(clean_pool, monkeypatch):
+  """Those that the best one holds, the recalibrated twin among them; where priors gain nothing by it all stay."""
+  pool, best = astray(clean_pool, 0.3), clean_pool.models[frozenset(["side_force"])]
+  stood = {key: model.cost for key, model in pool.models.items()}
+  exchange(pool, best)
+  assert {key: model.cost for key, model in pool.models.items()} == stood
+  there = lambda free, values, worth: clean_pool.base.values if free.names == pool.base.free.names else None
+  monkeypatch.setattr("calibration.diagnosis.search.warm_start.exchanged", there)
+  exchange(pool, best)
+  assert (
+    pool.base.cost == pytest.approx(clean_pool.base.cost, rel=1e-3) and pool.models[frozenset(["side_force"])] is best
+  )
 
 
 def test_a_base_at_its_minimum_stays_within_a_nat(offset_pool):
