@@ -33,8 +33,7 @@ from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
 from calibration.fitting.tolerances import rather, stopped, unusual
 from calibration.fitting.windows import Cut
-from calibration.log_check.pairs import fitted_ages
-from calibration.log_check.ready import ready
+from calibration.log_check.ready import fitted_ages, ready
 from calibration.progress import Progress, silent
 from qcar_twin.plant import SUBSTEPS
 from qcar_twin.recordings.dataset import DataSet

@@ -42,7 +42,7 @@ def recalibrate_dataset(
     most: s of driving that are simulated.
     progress: reports what is being done.
     evenly: it is spread evenly; else half of it is chosen for what it tells.
-    ages: of sensors, s, and scales, -, with standard deviations, as geometry tells them; see log_check/pairs.py.
+    ages: of sensors, s, and scales, -, with standard deviations, as geometry tells them; see log_check/ready.py.
   """
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   priors = _aged(starting_priors(recordings, twin, start), twin.parameters, ages)

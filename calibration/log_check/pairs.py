@@ -8,8 +8,7 @@ over blocks of driving (Efron, The Jackknife, the Bootstrap and Other Resampling
 part. The lag is sought within 0.5 s, or about where a search over ten seconds puts it (`wide_lag`); one at the edge of
 its search is no estimate.
 
-Only differences of ages show: a log whose commands are stamped late looks like one whose sensors speak early. For fits
-one sensor therefore is the clock, the pose where there is one, and everything else is late or early against it.
+Only differences of ages show: a log whose commands are stamped late looks like one whose sensors speak early.
 """
 
 import dataclasses
@@ -19,13 +18,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from calibration.fitting.noise import ChannelNoise, noise_models
-from calibration.log_check.motions import REGIMES, Motion, Wheels, motions, regimes
+from calibration.fitting.noise import ChannelNoise
+from calibration.log_check.motions import REGIMES, Motion, Wheels, regimes
 from calibration.log_check.wide_lag import sums_by_lag, wide_lag
-from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.twin.mechanisms.accel_bias import LEANS
-from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 _STEP = 0.01  # s between windows, and between the lags that are tried
@@ -41,9 +37,6 @@ _ODD = 5.0  # times the median residual, beyond which a block is odd
 _HIDES = 4.0  # times as much variance as without the odd blocks: then they hide what the others say
 _UNRELATED, _STILL = 1e-9, 1e-30  # a correlation, and a variance in squared units, that are rounding
 _NO_LAG = int(np.argmin(np.abs(LAGS)))
-_FINEST = 0.005  # s, and share of a scale: closer than that sensors are not said to agree, wheels slip and bodies roll
-_SHOWN_BY = {"turning": ("imu_latency", "gyro_scale"), "driving": ("encoder_latency", None)}
-_FELT = {"speeding up and slowing down": "accel_scale_x", "going round": "accel_scale_y"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -312,39 +305,3 @@ def _by_regime(
 
 def _unknown(motion: Motion, why: str, seconds: float) -> Comparison:
   return Comparison(motion, _NOTHING, _NOTHING, _NOTHING, np.nan, np.nan, np.nan, seconds, {}, why_not=why)
-
-
-def clock(recordings: Sequence[Recording]) -> str:
-  """The age that counts as zero."""
-  return "pose_latency" if any("pose_x" in r for r in recordings) else "encoder_latency"
-
-
-def fitted_ages(dataset: DataSet, vehicle: Vehicle) -> dict[str, tuple[float, float]]:
-  """What `told_without_a_model` says of the recordings that are fitted or judge a fit."""
-  return told_without_a_model([r for r in dataset.recordings if r.role != "holdout"], vehicle)
-
-
-def told_without_a_model(recordings: Sequence[Recording], vehicle: Vehicle) -> dict[str, tuple[float, float]]:
-  """Ages [s] and scales [-] of sensors, with deviations, from geometry alone: parameter -> both.
-
-  A deviation counts twice, for what geometry leaves out. No ages without a pose, and no encoder that is early: wheels
-  slip in proportion to the acceleration, which looks like a lead by m v / C_x, 6 ms of a QCar, 18 on softer tyres. An
-  accelerometer's scale is told only where it is off by more than a body that leans explains.
-  """
-  wheels, noise, told = Wheels.of(vehicle, recordings), noise_models(recordings), {}
-  shown = _FELT.keys() | (_SHOWN_BY if clock(recordings) == "pose_latency" else {}).keys()
-  for motion in motions(wheels, recordings):
-    if motion.name not in shown or (seen := compare(motion, wheels, recordings, noise)).why_not:
-      continue
-    if motion.name in _FELT:
-      felt = Estimate(seen.scale.value, float(np.hypot(2.0 * seen.scale.std, LEANS)))
-      if felt.beyond(1.0):
-        told[_FELT[motion.name]] = (felt.value - 1.0, felt.std)
-      continue
-    age, scale = _SHOWN_BY[motion.name]
-    if motion.name == "driving" and seen.lag.value < 0.0:
-      continue
-    told[age] = (seen.lag.value, max(2.0 * seen.lag.std, _FINEST))
-    if scale:
-      told[scale] = (seen.scale.value - 1.0, max(2.0 * seen.scale.std, _FINEST))
-  return {name: (value, std) for name, (value, std) in told.items() if np.isfinite(value + std)}

@@ -40,8 +40,7 @@ from calibration.identification.match_bicycle import (
   mean_percent,
 )
 from calibration.intervals.clusters import groups_of
-from calibration.log_check.pairs import fitted_ages
-from calibration.log_check.ready import ready
+from calibration.log_check.ready import fitted_ages, ready
 from calibration.progress import Progress, silent
 from calibration.twin_calibration.estimates import Estimate, estimate_of, judged, table_of
 from calibration.twin_calibration.stage_cache import Stages, fingerprint

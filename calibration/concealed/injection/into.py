@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.log_check.pairs import clock
+from calibration.log_check.ready import clock
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream

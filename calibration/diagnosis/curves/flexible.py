@@ -18,7 +18,7 @@ from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, s
 from calibration.fitting.recalibration import RecalibratedTwin, begun, begun_nearer, settled
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
-from calibration.log_check.pairs import clock, told_without_a_model
+from calibration.log_check.ready import clock, told_without_a_model
 from calibration.progress import Progress, silent
 from qcar_twin.kinematics import road_speed
 from qcar_twin.parameters import Parameter, ParameterSet

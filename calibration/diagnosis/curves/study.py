@@ -29,8 +29,7 @@ from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.observations import UNITS, Observations
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.tolerances import always_fitted
-from calibration.log_check.pairs import fitted_ages
-from calibration.log_check.ready import ready
+from calibration.log_check.ready import fitted_ages, ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording

@@ -5,8 +5,10 @@ import pytest
 
 from calibration.fitting.noise import noise_models
 from calibration.log_check.motions import REGIMES, Wheels, motions, regimes
-from calibration.log_check.pairs import compare, told_without_a_model
+from calibration.log_check.pairs import compare
+from calibration.log_check.ready import fitted_ages, told_without_a_model
 from calibration.log_check.wide_lag import sums_by_lag, wide_lag
+from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, recording
@@ -118,6 +120,17 @@ def test_an_encoder_that_is_late_has_an_age_and_one_that_is_early_wheels_that_sl
   if told:
     value, std = ages["encoder_latency"]
     assert value == pytest.approx(late, abs=0.006) and std >= 0.005
+
+
+@pytest.mark.parametrize(
+  ("channel", "late", "age"), [("yaw_rate", 0.045, "imu_latency"), ("pose_yaw", 0.06, "pose_latency")]
+)
+def test_ages_count_from_what_speaks_first(channel, late, age):
+  """A gyro does not show a turn before the car turns: a pose that shows it later is late."""
+  ages = fitted_ages(DataSet("d", tuple(drives(channel=channel, late=late))), CAR)
+  assert {name for name in ages if name in ("imu_latency", "pose_latency")} == {age}
+  sign = 1.0 if age == "imu_latency" else -1.0
+  assert ages[age][0] == pytest.approx(late + sign * AHEAD, abs=0.003)
 
 
 @pytest.mark.parametrize("share", [0.04, 0.3])
