@@ -8,7 +8,10 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
 from qcar_twin.vehicle.similarity import Similarity
 
-_USUAL = 0.15  # s/rad: small servos take 0.1 to 0.16 s for 60 degrees, and road wheels turn about as far as their servo
+# s/rad, three deviations: a standard servo takes 0.23 s for 60 degrees at 4.8 V without a load (Futaba S3003, data
+# sheet), and f1tenth_gym's car turns its wheels by 3.2 rad/s at most
+_USUAL = 0.3
+_FAST = 0.15  # s/rad, where a search begins: small servos take 0.1 to 0.16 s for 60 degrees, as far as road wheels turn
 
 
 class SteeringRateLimit(Mechanism):
@@ -18,8 +21,8 @@ class SteeringRateLimit(Mechanism):
   it follows its lag.
   Units: q s/rad (0.2 is a limit of 5 rad/s, 0 is no limit), delta rad.
   Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, sec. 13.3 (saturation).
-  Size: 0.2 s/rad is a standard servo, 0.19 s for 60 deg at 6 V (Futaba S3003, data sheet): twice as slow as a fast
-    one.
+  Size: stated prior: 0.4 s/rad is a standard servo (0.22 at 4.8 V: Futaba S3003, data sheet) that a load slows down to
+    half its speed.
   Confounded with: steering_lag; it grows with the size of a step where a lag does not.
   """
 
@@ -32,7 +35,7 @@ class SteeringRateLimit(Mechanism):
   fitted_rank = 10
   parameters = (
     Parameter(
-      "steering_inverse_rate", 0.0, 0.0, 1.0, "s/rad", "q", null=0.0, typical=0.2, start=_USUAL,
+      "steering_inverse_rate", 0.0, 0.0, 1.0, "s/rad", "q", null=0.0, typical=0.4, start=_FAST,
       description="1 / highest rate",
     ),
   )  # fmt: skip
