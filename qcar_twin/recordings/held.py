@@ -20,10 +20,11 @@ _CANDIDATES = np.arange(0.0, 1.0, 0.01)  # of a period
 class Held(Protocol):
   """A command's samples, as a recording's `Stream` has them."""
 
-  time: Array
-  value: Array
-
-  def at(self, time: Array, tolerance: float = ...) -> Array: ...
+  @property
+  def time(self) -> np.ndarray: ...
+  @property
+  def value(self) -> np.ndarray: ...
+  def at(self, time: np.ndarray, tolerance: float = ...) -> np.ndarray: ...
 
 
 def means(held: Held, time: Array, period: float) -> Array:
