@@ -57,13 +57,11 @@ def exchange(pool: Pool, best: Candidate) -> None:
 
   The recalibrated twin may have split a delay as it could with what it lacked; every set goes on from where it ended.
   """
-  names, made = sorted(best.mechanisms), []
-  for size in range(len(names) + 1):
-    for key in map(frozenset, itertools.combinations(names, size)):
-      model = pool.models.get(key)
-      start = exchanged(model.free, model.values, _PRIORS) if model else None
-      if model and start is not None:
-        made.append(candidate(pool.problem, model.mechanisms, model, pool.priors, model.free.named(start)))
+  made = []
+  for model in filter(None, map(pool.models.get, _held_by(best))):
+    start = exchanged(model.free, model.values, _PRIORS)
+    if start is not None:
+      made.append(candidate(pool.problem, model.mechanisms, model, pool.priors, model.free.named(start)))
   begin(pool.problem, made)
   refine(pool.problem, made, _LEADING, full=True)
   for model in made:
@@ -72,11 +70,16 @@ def exchange(pool: Pool, best: Candidate) -> None:
 
 def _taking_part(pool: Pool, best: Candidate) -> list[frozenset[str]]:
   """The best sets of each size, and all that the very best holds, itself among them."""
-  names = sorted(best.mechanisms)
-  keys = [frozenset(some) for size in range(len(names) + 1) for some in itertools.combinations(names, size)]
+  keys = _held_by(best)
   for size in sorted({len(key) for key in pool.models}):
     keys += [frozenset(m.mechanisms) for m in pool.foremost(size, LIKELY)]
   return list(dict.fromkeys(keys))
+
+
+def _held_by(model: Candidate) -> list[frozenset[str]]:
+  """All sets of mechanisms that a model holds, from none to its own."""
+  names = sorted(model.mechanisms)
+  return [frozenset(some) for size in range(len(names) + 1) for some in itertools.combinations(names, size)]
 
 
 def _offer(pool: Pool, key: frozenset[str], other: frozenset[str]) -> Candidate:
