@@ -144,7 +144,8 @@ def test_steering_lag_has_the_first_moment_it_states():
 
 def test_the_rate_limit_is_reached_and_never_exceeded():
   signal = drive((("steering_rate_limit", 1.0),), 0.0, 0.3, 0.2)[0, :, 9]
-  assert 4.5 < np.max(np.diff(signal)) / 0.01 <= 5.0 * 1.02
+  rate = 1.0 / EFFECTS["steering_rate_limit"].typical
+  assert 0.9 * rate < np.max(np.diff(signal)) / 0.01 <= 1.02 * rate
 
 
 def test_offset_gain_and_asymmetry_to_either_side():
