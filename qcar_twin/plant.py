@@ -81,6 +81,8 @@ class Segments:
       missed; None where nobody knows.
     start_push: acceleration along the car there by an accelerometer, m/s^2, (S,), NaN where there is none: the force of
       its tyres over its mass, whatever its wheels do; None for the rate of the speed.
+    start_by_pose: which of the states were read off the pose, (S, 7), and not off a sensor of their own: a speed is the
+      car's then and not its wheels', and as late as the pose is; None where none was.
     lead: how the car was driven just before, (S, 4), in the order of LEAD, NaN where it stood: what a controller with a
       memory has in it; None where nobody knows.
     before: commands of the K periods before each segment, (S, K, 2), the newest last, NaN before a recording began:
@@ -103,6 +105,7 @@ class Segments:
   start_push: Array | None = None
   lead: Array | None = None
   before: Array | None = None
+  start_by_pose: NDArray[np.bool_] | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)
@@ -129,8 +132,13 @@ class Segments:
       self.commands[which], self.start[which], self.steps[which], self.period,
       names, self.offset[which],
       some(self.history), some(self.pose), some(self.wheel_angle), some(self.start_rate), some(self.start_push),
-      some(self.lead), some(self.before),
+      some(self.lead), some(self.before), some(self.start_by_pose),
     )  # fmt: skip
+
+  @property
+  def by_pose(self) -> NDArray[np.bool_]:
+    """Which of the start states were read off the pose, (S, 7)."""
+    return np.zeros(self.start.shape, dtype=bool) if self.start_by_pose is None else self.start_by_pose
 
   @property
   def driving(self) -> Driving:

@@ -74,7 +74,9 @@ def free_run(
   )
   prediction = seen(plant.rollout(np.asarray(theta, dtype=np.float64)[None], segments), segments)
   signals = {name: prediction.channel(name)[0, 0] for name in ("motor_speed", "accel_x", "yaw_rate", "accel_y")}
-  signals["speed"] = kinematics.road_speed(signals["motor_speed"], vehicle)
+  by_pose = "speed" in recording.derived  # that of the car; a sensor gives that of its wheels
+  rolling = kinematics.road_speed(signals["motor_speed"], vehicle)
+  signals["speed"] = prediction.channel("velocity_x")[0, 0] if by_pose else rolling
   grid = np.append(time, time[-1] + plant.period)
   raw = _measured(recording, grid, vehicle)
   logged = {name: np.isfinite(raw[name]) if name in raw else np.ones(len(grid), dtype=bool) for name in CHANNELS}

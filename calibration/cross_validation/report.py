@@ -18,7 +18,7 @@ from qcar_twin.atomic_io import write_json
 from qcar_twin.pages import Chart, Explorer, Section, Table, bars, heat_map, write_page
 
 _DRAWN = (
-  *("motor_speed", "speed", "yaw_rate", "accel_y", "accel_x"),
+  *("motor_speed", "speed", "pose_speed", "path_speed", "yaw_rate", "accel_y", "accel_x"),
   *("pose_forward", "pose_left", "pose_turn", "path_forward", "path_left"),
 )
 _MOST = 50.0  # per cent of a difference that is coloured

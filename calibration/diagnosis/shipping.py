@@ -26,7 +26,8 @@ from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
-_SPEEDS = ("motor_speed", "speed", "pose_forward", "path_forward")  # that tell how fast a car was, best first
+# that tell how fast a car was, best first
+_SPEEDS = ("motor_speed", "speed", "pose_speed", "path_speed", "pose_forward", "path_forward")
 JUDGING = {"validate": "validation", "holdout": "held-out"}
 
 

@@ -17,6 +17,7 @@ from calibration.fitting.noise_floor import driving_noise
 from calibration.fitting.residual_channels import CHANNELS, POSE, RESIDUALS, UNITS, ResidualChannel
 from calibration.fitting.windows import DEFAULT_CUT, Cut, Stretches, cut_recordings
 from qcar_twin.plant import SIGNALS, Prediction, signal_index
+from qcar_twin.recordings.completed import speed_window
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -27,7 +28,10 @@ Rows = dict[str, Any]  # values, channel, times, grid points and fractions of so
 _LONG, _SHORT = 1.0, 0.3  # s, horizons with and without a gyro
 _POSE = slice(signal_index(POSE[0]), signal_index(POSE[-1]) + 1)
 _PLACE = slice(_POSE.start, _POSE.start + 2)
-_NOW, _BEFORE, _HALFWAY = 0, 1, 2  # moments of a value
+_NOW, _BEFORE, _HALFWAY, _AFTER = 0, 1, 2, 2  # moments of a value
+# of a window, from its middle: two poses so far apart give the slope that a parabola through all of them has there, of
+# ways that a cubic follows (the mean of t^4 over that of t^2, t in windows from -1/2 to 1/2, is 3/20)
+_REACH = float(np.sqrt(3.0 / 20.0))
 _TELLS = 20.0  # times a place's noise, at which a way's direction is known to 0.07 rad
 
 
@@ -137,6 +141,10 @@ class Observations:
     if channel.path is not None:
       place = flat[:, :, _PLACE]
       return channel.path(at(place, _BEFORE), at(place, _HALFWAY), at(place, _NOW))
+    if channel.way is not None:
+      pose, ends = flat[:, :, _POSE], self._points[rows] + self._fractions[rows]
+      duration = (ends[:, _AFTER] - ends[:, _BEFORE]) * self.stretches.segments.period
+      return channel.way(at(pose, _BEFORE), at(pose, _AFTER)) / duration
     assert channel.model is not None
     signal = lambda name: at(flat[:, :, signal_index(name)], _NOW)
     value = channel.model(signal, self.vehicle)
@@ -214,12 +222,14 @@ def _segment_rows(
 ) -> Iterator[Rows]:
   # the log's first row is the start state itself, not an outcome: scored rows come after it
   low, high = span[0] + 1e-9, span[1] + 1e-9
-  compared = [c for c in RESIDUALS.values() if set(c.needs) <= recording.streams.keys() and c.instead not in recording]
+  compared = [c for c in RESIDUALS.values() if c.is_compared(recording)]
   for channel in compared:
-    if channel.model is not None:
-      stream = recording[channel.needs[0]]
-      keep = (stream.time > low) & (stream.time <= high)
-      yield _rows(channel, stream.value[keep], place, [stream.time[keep]] * 3)
+    if channel.is_direct:
+      stream, reach = recording[channel.needs[0]], _REACH * speed_window(recording) if channel.way is not None else 0.0
+      time = stream.time
+      keep = (time > low) & (time <= high) & (time - reach >= place.offset) & (time + reach <= high)
+      now = time[keep]
+      yield _rows(channel, stream.value[keep], place, [now, now - reach, now + reach])
   displaced = [c for c in compared if not c.is_direct]
   if displaced:
     yield from _pose_rows(displaced, recording, place, span, horizon, pose_rate)

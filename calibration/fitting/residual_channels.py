@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS as RECORDED
+from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -37,6 +38,8 @@ class ResidualChannel:
     displacement: instead of a model, its value from the pose before and after a horizon, each (..., 3); the same for
       what was measured and what was predicted.
     path: instead of both, its value from the place before, halfway through and after a horizon, each (..., 2), m.
+    way: instead of all of them, the way from the pose where a speed that was derived from poses has its window to the
+      pose at its end, each (..., 3), m: the value is it over the time between them.
     noise: its standard deviation from those of the recorded channels it needs, in their order; by default the first's.
     instead: a recorded channel that says the same better; where there is one, this is not compared.
     may_lose_sign: a log may hold its magnitude only.
@@ -49,13 +52,16 @@ class ResidualChannel:
   model: Model | None = None
   displacement: Poses | None = None
   path: Places | None = None
+  way: Poses | None = None
   noise: Callable[..., float] = lambda first, *others: first
   instead: str = ""
   may_lose_sign: bool = False
 
   def __post_init__(self) -> None:
-    if sum(way is not None for way in (self.model, self.displacement, self.path)) != 1:
-      raise ValueError(f"residual channel '{self.name}' needs one of a model, a displacement and a path, and no other")
+    if sum(how is not None for how in (self.model, self.displacement, self.path, self.way)) != 1:
+      raise ValueError(
+        f"residual channel '{self.name}' needs one of a model, a displacement, a path and a way, and no other"
+      )
     unknown = [channel for channel in self.needs if channel not in RECORDED]
     if unknown or not self.needs:
       raise ValueError(
@@ -71,8 +77,14 @@ class ResidualChannel:
 
   @property
   def is_direct(self) -> bool:
-    """Whether single samples are compared, not what lies between several."""
-    return self.model is not None
+    """Whether single samples are compared, not what lies a horizon apart."""
+    return self.model is not None or self.way is not None
+
+  def is_compared(self, recording: Recording) -> bool:
+    """Whether a recording has it. A speed that no sensor gave is that of the car, a sensor's is that of its wheels."""
+    if not set(self.needs) <= recording.streams.keys() or self.instead in recording:
+      return False
+    return self.displacement is not None or (self.needs[0] in recording.derived) == (self.way is not None)
 
   @property
   def symbol(self) -> str:
@@ -107,6 +119,21 @@ def along_path(before: Array, halfway: Array, after: Array) -> Array:
   return np.stack([forward, left], axis=-1) / length[..., None]
 
 
+def along_heading(before: Array, after: Array) -> Array:
+  """Length of a short arc between two poses, (..., 3), along the heading halfway, m; below 0 backwards.
+
+  A chord c whose ends differ by psi in heading belongs to an arc of c (psi / 2) / sin(psi / 2).
+  """
+  delta, turn = after - before, 0.5 * (after[..., 2] - before[..., 2])
+  heading = before[..., 2] + turn
+  return (np.cos(heading) * delta[..., 0] + np.sin(heading) * delta[..., 1]) / np.sinc(turn / np.pi)
+
+
+def between(before: Array, after: Array) -> Array:
+  """Distance between the places of two poses, (..., 3), m."""
+  return np.linalg.norm((after - before)[..., :2], axis=-1)
+
+
 def rolling_speed(signal: Signals, car: Vehicle) -> Array:
   """Speed of the car from that of its motor, m/s."""
   return signal("motor_speed") * (car.wheel_radius * car.gear_ratio)
@@ -127,6 +154,8 @@ RESIDUALS: dict[str, ResidualChannel] = {
   for channel in (
     ResidualChannel.recorded("motor_speed"),
     ResidualChannel.recorded("speed", rolling_speed, instead="motor_speed", may_lose_sign=True),
+    ResidualChannel("pose_speed", "m/s", "speed of the pose", ("speed", *POSE), way=along_heading),
+    ResidualChannel("path_speed", "m/s", "speed of the place", ("speed", *POSE[:2]), way=between, instead="pose_yaw"),
     ResidualChannel.recorded("accel_x", words="longitudinal acceleration"),
     ResidualChannel.recorded("accel_y", words="lateral acceleration"),
     ResidualChannel.recorded("yaw_rate"),

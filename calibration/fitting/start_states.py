@@ -4,8 +4,9 @@ A channel's value at a time is that of a parabola through as many samples around
 widest of nested windows whose interval still meets those of all narrower ones (the intersection of confidence
 intervals: Goldenshluger and Nemirovski, On spatially adaptive estimation of nonparametric regression, Mathematical
 Methods of Statistics 6, 1997). Where a recording begins in a launch that is its first sample or two; in steady driving
-it is all samples within 0.06 s. The yaw rate of a log without a gyro is the slope of its heading, taken likewise;
-without either it is the one with which a car that does not slip turns as it is steered.
+it is all samples within 0.06 s. The yaw rate of a log without a gyro is the slope of its heading, taken likewise, and
+the speed of one without a sensor of it that of its way; without gyro and heading the yaw rate is the one with which a
+car that does not slip turns as it is steered.
 """
 
 from collections.abc import Mapping
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from calibration.fitting.noise_floor import driving_noise
 from qcar_twin.kinematics import kinematic_yaw_rate, road_speed
 from qcar_twin.plant import START
+from qcar_twin.recordings.completed import ways
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -50,14 +52,17 @@ def measured_start(
       at rest.
     noise: white noise of each channel while the car rolls; `driving_noise` of this recording by default.
 
-  Speed is that of the wheels, and sideslip that of a rear axle that does not slip, v_y = r l_r; what a car's own tyres
-  slip there is for the twin to add, see qcar_twin/twin/starts.py.
+  Speed is that of the wheels, or of the car where its pose says it, and sideslip that of a rear axle that does not
+  slip, v_y = r l_r; what a car's own tyres slip there is for the twin to add, see qcar_twin/twin/starts.py.
   """
   white = driving_noise([recording]) if noise is None else noise
   at = lambda name, half=_HALF: level(recording[name], time, white.get(name, 0.0), half) if name in recording else 0.0
   states = dict.fromkeys(START, 0.0) | {name: at(name, 0.02) for name in _POSE}
   states["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
-  speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
+  if "motor_speed" in recording:
+    speed = float(road_speed(at("motor_speed"), vehicle))
+  else:
+    speed = _of_pose(recording, time, white) if "speed" in recording.derived else at("speed")
   turn, unsure = at("yaw_rate"), white.get("yaw_rate", 0.0)
   if "yaw_rate" not in recording and "pose_yaw" in recording:
     turn, unsure = slope(recording["pose_yaw"], time, white.get("pose_yaw", 0.0))
@@ -70,6 +75,13 @@ def measured_start(
   return np.array([states[name] for name in START])
 
 
+def read_off_pose(recording: Recording) -> NDArray[np.bool_]:
+  """Which states of a start the pose says, in the order of START, (7,)."""
+  turning = {"yaw_rate", "velocity_y"} if "yaw_rate" not in recording and "pose_yaw" in recording else set()
+  said = turning | ({"velocity_x"} if "speed" in recording.derived else set())
+  return np.array([name in said for name in START])
+
+
 def pushed(recording: Recording, time: float, noise: Mapping[str, float]) -> float:
   """Acceleration along the car at a time by its accelerometer, m/s^2; NaN without one.
 
@@ -79,6 +91,13 @@ def pushed(recording: Recording, time: float, noise: Mapping[str, float]) -> flo
   if "accel_x" not in recording:
     return float("nan")
   return level(recording["accel_x"], time, noise.get("accel_x", 0.0))
+
+
+def _of_pose(recording: Recording, time: float, white: Mapping[str, float]) -> float:
+  """Speed of the car at a time by its pose, m/s; its size where no heading says which way it goes."""
+  sides = [(way, white.get(name, 0.0)) for way, name in zip(ways(recording), ("pose_x", "pose_y"), strict=False)]
+  rates = [slope(way, time, noise)[0] for way, noise in sides]
+  return rates[0] if len(rates) == 1 else float(np.hypot(*rates))
 
 
 def _speed_noise(white: Mapping[str, float], recording: Recording, vehicle: Vehicle) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.fitting.informative import chosen, regressors
 from calibration.fitting.noise_floor import driving_noise
-from calibration.fitting.start_states import STANDS, measured_start, pushed
+from calibration.fitting.start_states import STANDS, measured_start, pushed, read_off_pose
 from qcar_twin.kinematics import road_speed, rolling_radius
 from qcar_twin.plant import LEAD, START, Segments
 from qcar_twin.recordings.dataset import in_order
@@ -84,7 +84,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
   pieces = _thinned(pieces, recordings, cut)
   history = [np.array(r.before) for r in in_order(recordings)]
   steps = np.array([len(p.commands) for p in pieces])
-  longest = int(steps.max())
+  longest, by_pose = int(steps.max()), np.stack([read_off_pose(recordings[p.index]) for p in pieces])
   commands = np.stack([_pad(p.commands, longest) for p in pieces])
   segments = Segments(
     commands=commands,
@@ -100,6 +100,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     start_push=np.array([p.push for p in pieces]),
     lead=np.stack([p.lead for p in pieces]),
     before=np.stack([p.before for p in pieces]),
+    start_by_pose=by_pose if by_pose.any() else None,
   )
   return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
 

@@ -70,11 +70,14 @@ def told_without_a_model(recordings: Sequence[Recording], vehicle: Vehicle) -> d
   """Ages [s] and scales [-] of sensors, with deviations, from geometry alone: parameter -> both.
 
   A deviation counts twice, for what geometry leaves out. No ages without a pose, and no encoder that is early: wheels
-  slip in proportion to the acceleration, which looks like a lead by m v / C_x, 6 ms of a QCar, 18 on softer tyres. An
+  slip in proportion to the acceleration, which looks like a lead by m v / C_x, 6 ms of a QCar, 18 on softer tyres; nor
+  of an encoder where the pose gave the speed. An
   accelerometer's scale is told only where it is off by more than a body that leans explains.
   """
   wheels, noise, told = Wheels.of(vehicle, recordings), noise_models(recordings), {}
-  shown = _FELT.keys() | (_SHOWN_BY if clock(recordings) == "pose_latency" else {}).keys()
+  by_sensor = not any(wheels.channel in r.derived for r in recordings)
+  aged = {name for name in _SHOWN_BY if clock(recordings) == "pose_latency" and (by_sensor or name != "driving")}
+  shown = _FELT.keys() | aged
   for motion in motions(wheels, recordings):
     if motion.name not in shown or (seen := compare(motion, wheels, recordings, noise)).why_not:
       continue

@@ -247,7 +247,7 @@ def _remark(e: Estimate, shift: float | None) -> str:
 def _headline(calibration: Calibration, role: str) -> list[tuple[str, ChannelError]]:
   items = calibration.errors[role]
   ways = (
-    ("motor_speed", "speed"),
+    ("motor_speed", "speed", "pose_speed", "path_speed"),
     ("yaw_rate", "pose_turn", "path_left"),
     ("accel_y",),
   )  # the best of each that is there

@@ -85,6 +85,23 @@ def with_speed(recording: Recording) -> tuple[Recording, list[str]]:
   return recording.replace(streams=streams, derived=(*recording.derived, "speed")), [note]
 
 
+def speed_window(recording: Recording) -> float:
+  """Time over which `with_speed` takes the pose for one speed, s; 0 where there are not two poses."""
+  time = recording["pose_x"].time
+  step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+  return step * (_count(step) - 1)
+
+
+def ways(recording: Recording) -> list[Stream]:
+  """What the pose says of how far the car has gone, m: along its heading, backwards less; or x and y without one."""
+  time = recording["pose_x"].time
+  if "pose_yaw" not in recording:
+    return [recording["pose_x"], recording["pose_y"]]
+  (way,) = _along(recording, time)
+  known = np.isfinite(way)
+  return [Stream(time[known], way[known])]
+
+
 def heading_or_course(recording: Recording) -> Stream | None:
   """What turns as the car does, rad: its heading, or the direction of its path where only a place was logged.
 
@@ -108,7 +125,7 @@ def _velocities(recording: Recording, signed: bool) -> tuple[np.ndarray, np.ndar
   x, y = recording["pose_x"], recording["pose_y"]
   time, none = x.time, (np.zeros(0), np.zeros((1 if signed else 2, 0)), 0.0, 0.0)
   step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-  count = max(_LEAST, round(_WINDOW / step) + 1) if step > 0.0 else _LEAST
+  count = _count(step)
   first = np.arange(0, len(time) - count + 1, count - 1)
   rows = first[:, None] + np.arange(count)
   if not first.size:
@@ -124,6 +141,11 @@ def _velocities(recording: Recording, signed: bool) -> tuple[np.ndarray, np.ndar
   middle = time[rows].mean(axis=1)
   slopes, noise = _slopes(time[rows] - middle[:, None], place[:, rows])
   return middle, slopes, noise / step * float(np.sqrt(12.0 / (count * (count**2 - 1.0)))), step * (count - 1)
+
+
+def _count(step: float) -> int:
+  """Poses in a window, which are `step` seconds apart."""
+  return max(_LEAST, round(_WINDOW / step) + 1) if step > 0.0 else _LEAST
 
 
 def _slopes(time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:

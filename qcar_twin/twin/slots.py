@@ -17,9 +17,9 @@ def under_way(mechanism: Mechanism) -> bool:
   return mechanism.stage in STEPPED or type(mechanism).write_model is not Mechanism.write_model
 
 
-def moves_start(mechanism: Mechanism) -> bool:
-  """Whether cars begin elsewhere than their sensors show because of it."""
-  return type(mechanism).begin is not Mechanism.begin
+def moves_start(mechanism: Mechanism, by_pose: bool = True) -> bool:
+  """Whether cars begin elsewhere than their sensors show because of it. `by_pose`: some were read off the pose."""
+  return type(mechanism).begin is not Mechanism.begin and (by_pose or not mechanism.of_pose)
 
 
 @dataclasses.dataclass(eq=False)

@@ -30,6 +30,7 @@ from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 Array = NDArray[np.float64]
 
 _LARGEST = 0.2  # slip, -, up to which a start is taken from forces
+_TURNS = 2  # from a car's speed to its wheels': what they slip hardly changes by what they slip
 _USED = 0.95  # of mu F_z: nearer to the peak a force does not tell the slip, since mu is known to a few percent
 _BEFORE, _GAIN = LEAD.index("motor_speed"), LEAD.index("motor_acceleration")
 _SPEED, _SIDE, _TURN, _STEERED = (START.index(n) for n in ("velocity_x", "velocity_y", "yaw_rate", "steering_angle"))
@@ -56,6 +57,27 @@ def slipping(start: Array, push: Array, values: Mapping[str, Array], vehicle: Ve
   rolled = rim - np.abs(rim) * np.clip(along, -_LARGEST, _LARGEST)
   aside = ahead * np.sin(angle) * (out[:, _SIDE] + turn * vehicle.cg_to_front)
   out[:, _SPEED] = (rolled - aside) / (1.0 - ahead + ahead * np.cos(angle))
+  return out
+
+
+def driving(
+  start: Array, of_car: NDArray[np.bool_], push: Array, values: Mapping[str, Array], vehicle: Vehicle
+) -> tuple[Array, Array]:
+  """The same of cars some of whose speeds are their own, `of_car` (N,), not their wheels'. Start states, (N, 7), and
+  how fast driven wheels turn at the rim, m/s, (N,)."""
+  wheels, speed = start.copy(), start[:, _SPEED]
+  for _ in range(_TURNS if of_car.any() else 0):
+    wheels[of_car, _SPEED] += (speed - slipping(wheels, push, values, vehicle)[:, _SPEED])[of_car]
+  out = slipping(wheels, push, values, vehicle)
+  out[of_car, _SPEED] = speed[of_car]
+  return out, wheels[:, _SPEED]
+
+
+def turned(start: Array, share: Array, command: Array, vehicle: Vehicle) -> Array:
+  """Start states, (N, 7), whose road wheels stand by a share, (N,), nearer to a first command, (N,) rad, than where the
+  car turned to."""
+  out, goal = start.copy(), np.clip(command, -vehicle.max_steering, vehicle.max_steering)
+  out[:, _STEERED] += share * (goal - start[:, _STEERED])
   return out
 
 

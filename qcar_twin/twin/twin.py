@@ -26,7 +26,7 @@ from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import Slot, moves_start, under_way
-from qcar_twin.twin.starts import driven_before, slipping, turning
+from qcar_twin.twin.starts import driven_before, driving, turned, turning
 from qcar_twin.twin.suited import suited
 from qcar_twin.twin.timers import stop_timers
 from qcar_twin.vehicle.drive import largest_command
@@ -209,7 +209,7 @@ class Twin:
       raise ValueError(f"nothing to drive: {len(theta)} parameter vectors over {len(segments)} segments")
     if abs(segments.period - self.period) > 1e-9:
       raise ValueError(f"this twin's control period is {self.period:g} s, and the segments' {segments.period:g} s")
-    stepped, same = np.unique(self.without_sensors(theta), axis=0, return_inverse=True)
+    stepped, same = np.unique(self.without_sensors(theta, segments.by_pose.any()), axis=0, return_inverse=True)
     rows = self.rows if self.engine == "mujoco" else _AT_ONCE * self.rows
     per_turn = max(1, rows // len(segments))
     turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
@@ -220,11 +220,11 @@ class Twin:
     shown = self.sensed(self._in_sessions(theta, segments), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
 
-  def without_sensors(self, theta: Array) -> Array:
-    """The same vectors with sensor-side mechanisms at their nominal values."""
+  def without_sensors(self, theta: Array, by_pose: bool | np.bool_ = True) -> Array:
+    """The same vectors with sensor-side mechanisms at their nominal values. `by_pose`: poses say how cars start."""
     stepped = theta.copy()
     for mechanism in self.mechanisms:
-      if not (under_way(mechanism) or moves_start(mechanism)):
+      if not (under_way(mechanism) or moves_start(mechanism, by_pose)):
         stepped[:, self._columns[mechanism.name]] = [p.nominal for p in mechanism.parameters]
     return stepped
 
@@ -237,10 +237,11 @@ class Twin:
     first = commands[0] if segments.before is None else np.hstack([tile(segments.before), commands[0, :, None]])
     theta = self._in_sessions(theta, segments)
     if segments.start_rate is not None:
-      start[:, _WHEELS] += self._turned(theta, start, commands[0])
+      start = turned(start, theta[:, self.base.index(WHEELS_AT_COMMAND)], commands[0, :, STEERING], self.vehicle)
     each = lambda a: None if a is None else tile(a)
-    history, lead = each(segments.history), driven_before(each(segments.lead), functools.partial(self._begun, theta))
-    start, rim = self._as_measured(theta, start, each(segments.start_rate), each(segments.start_push))
+    by_pose, history = tile(segments.by_pose), each(segments.history)
+    lead = driven_before(each(segments.lead), functools.partial(self._begun, theta, by_pose))
+    start, rim = self._as_measured(theta, by_pose, start, each(segments.start_rate), each(segments.start_push))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
     signals = np.empty((n * size if len(groups) > 1 else 0, length + 1, len(SIGNALS)))
@@ -271,33 +272,29 @@ class Twin:
       return [slice(None)]
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]
 
-  def _turned(self, theta: Array, start: Array, first: Array) -> Array:
-    """By how much the road wheels stand nearer to a first command, (N, 2), than where the car turned to, rad, (N,)."""
-    command = np.clip(first[:, STEERING], -self.vehicle.max_steering, self.vehicle.max_steering)
-    return theta[:, self.base.index(WHEELS_AT_COMMAND)] * (command - start[:, _WHEELS])
-
   def _as_measured(
-    self, theta: Array, start: Array, rate: Array | None, push: Array | None
+    self, theta: Array, by_pose: NDArray[np.bool_], start: Array, rate: Array | None, push: Array | None
   ) -> tuple[Array, Array | None]:
     """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said, and the
     driven wheels' speed at the rim, m/s, (N,), or None.
 
     Where it is known how fast these changed, `rate` per s, (N, 7), tyres slip as the car's motion there needs: as what
-    they push it with, (N,) m/s^2, where that was measured.
+    they push it with, (N,) m/s^2, where that was measured. `by_pose`: states that the pose said, (N, 7).
     """
-    start = self._begun(theta, start, np.zeros_like(start) if rate is None else rate)
+    start = self._begun(theta, by_pose, start, np.zeros_like(start) if rate is None else rate)
     if rate is None:
       return start, None
     values = {name: theta[:, i] for i, name in enumerate(self.base.names)}
     push = rate[:, _ALONG] if push is None else np.where(np.isnan(push), rate[:, _ALONG], push)
-    return slipping(start, push, values, self.vehicle), start[:, _ALONG]
+    return driving(start, by_pose[:, _ALONG], push, values, self.vehicle)
 
-  def _begun(self, theta: Array, start: Array, rate: Array) -> Array:
-    """States (N, 7) as they were, given what the sensors said of them and of how fast they change; in place."""
+  def _begun(self, theta: Array, by_pose: NDArray[np.bool_], start: Array, rate: Array) -> Array:
+    """States (N, 7) as they were, given what was said of them and of how fast they change, in place; `by_pose`: by the
+    pose, (N, 7), and not by a sensor of their own."""
     for mechanism in filter(moves_start, reversed(self._chain)):
-      rows = self.present(mechanism, theta)
-      if rows is not None:
-        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
+      if (rows := self.present(mechanism, theta)) is not None:
+        moved = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
+        start[rows] = np.where(by_pose[rows] == mechanism.of_pose, moved, start[rows])
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:

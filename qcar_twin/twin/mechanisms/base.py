@@ -217,6 +217,8 @@ class Mechanism:
     imitated_by: ids of mechanisms, of one amplitude each in the same unit, that do together what it does: a search also
       begins where what they have in common is put on it.
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
+    of_pose: True if what errs is the pose: `begin` is for those states of a start that were read off the pose, and for
+      no other; without it, for those that a sensor of their own said.
     fitted_rank: place among the errors that every model fits (`sensor_errors`, `tolerances`), lowest first and by name
       where equal: their order in a fit's vector.
   """
@@ -242,6 +244,7 @@ class Mechanism:
   whole: ClassVar[tuple[str, ...]] = ()
   imitated_by: ClassVar[tuple[str, ...]] = ()
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
+  of_pose: ClassVar[bool] = False
   fitted_rank: ClassVar[int] = 100
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -2,7 +2,7 @@
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
-from qcar_twin.twin.mechanisms.elements import replaced, shifted
+from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
 
 class PoseLatency(Mechanism):
@@ -23,10 +23,14 @@ class PoseLatency(Mechanism):
   signed = True
   sought_far = True
   sensor_errors = {"pose_latency": SensorError(0.005)}  # motion capture streams what was some milliseconds ago
+  of_pose = True
   fitted_rank = 16
   parameters = (
     Parameter("pose_latency", 0.0, -0.12, 0.3, "s", "d", null=0.0, typical=0.055, description="age of the pose"),
   )
+
+  def begin(self, theta: Array, start: Array, rate: Array) -> Array:
+    return caught_up(start, rate, theta[:, 0], "velocity_x", "velocity_y", "yaw_rate")
 
   def measure(self, theta: Array, track: Track) -> Array:
     late = theta[:, :1] / track.period

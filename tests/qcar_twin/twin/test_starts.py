@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from qcar_twin.plant import START, Segments, signal_index
+from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.parameters import quantities
 from qcar_twin.twin.starts import slipping, turning
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import GRAVITY, QCAR, Vehicle
 
 TWIN = Twin(QCAR, [], threads=1, engine="reduced")
+SENSED = np.zeros((1, len(START)), dtype=bool)
 PERIOD, TRAVEL = TWIN.period, QCAR.gear_ratio * QCAR.wheel_radius  # s; m/rad
 MOTOR, PUSH = signal_index("motor_speed"), signal_index("accel_x")
 VALUES = {name: np.array([p.nominal]) for name, p in zip(TWIN.base.names, TWIN.base, strict=True)}
@@ -137,9 +139,43 @@ def test_a_car_whose_wheels_spin_begins_with_its_motor_s_speed():
 def test_a_start_without_an_accelerometer_slips_as_its_wheels_gain_speed():
   start, rate = np.zeros((1, 7)), np.zeros((1, 7))
   start[0, 3], rate[0, 3] = 1.0, 3.0
-  begin = lambda push: TWIN._as_measured(TWIN.parameters.nominal[None], start.copy(), rate, push)[0][0, 3]
+  begin = lambda push: TWIN._as_measured(TWIN.parameters.nominal[None], SENSED, start.copy(), rate, push)[0][0, 3]
   assert begin(np.array([np.nan])) == begin(None) == begin(np.array([3.0])) < 0.99
   assert begin(np.zeros(1)) == 1.0
+
+
+def test_a_speed_of_the_pose_is_the_car_s_and_its_wheels_turn_faster_by_their_slip():
+  start, rate, push, nominal = np.zeros((1, 7)), np.zeros((1, 7)), np.array([3.0]), TWIN.parameters.nominal[None]
+  start[0, 3] = 1.0
+  by_pose = SENSED.copy()
+  by_pose[0, 3] = True
+  state, wheels = TWIN._as_measured(nominal, by_pose, start.copy(), rate, push)
+  assert state[0, 3] == 1.0 and wheels is not None and wheels[0] > 1.01
+  start[0, 3] = wheels[0]  # as an encoder says it: the same start
+  sensed, rim = TWIN._as_measured(nominal, SENSED, start, rate, push)
+  assert sensed[0, 3] == pytest.approx(1.0, abs=1e-4) and rim is not None and rim[0] == wheels[0]
+
+
+@pytest.mark.parametrize(("mechanism", "value"), [("encoder_latency", 0.02), ("pose_latency", 0.02)])
+@pytest.mark.parametrize("by_pose", [False, True])
+def test_a_start_is_as_old_as_what_said_it(mechanism, value, by_pose):
+  twin = Twin(QCAR, select([mechanism]), threads=1, engine="reduced")
+  theta = twin.parameters.nominal[None].copy()
+  theta[0, twin.parameters.index(mechanism)] = value
+  start, rate = np.zeros((1, 7)), np.zeros((1, 7))
+  start[0, 3], rate[0, 3] = 1.0, 2.0
+  said = np.full((1, 7), by_pose)
+  caught_up = by_pose == (mechanism == "pose_latency")
+  assert twin._begun(theta, said, start, rate)[0, 3] == pytest.approx(1.04 if caught_up else 1.0)
+
+
+def test_a_wheel_of_another_radius_is_no_error_of_a_pose_s_speed():
+  twin = Twin(QCAR, select(["wheel_radius_error"]), threads=1, engine="reduced")
+  theta = twin.parameters.nominal[None].copy()
+  theta[0, twin.parameters.index("wheel_radius_error")] = 0.02
+  start = np.full((1, 7), 1.0)
+  assert twin._begun(theta, ~SENSED, start.copy(), np.zeros((1, 7)))[0, 3] == 1.0
+  assert twin._begun(theta, SENSED, start.copy(), np.zeros((1, 7)))[0, 3] == pytest.approx(1.02)
 
 
 def test_a_car_that_stands_starts_at_rest():
