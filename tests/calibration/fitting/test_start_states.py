@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.start_states import level, measured_start
+from calibration.fitting.start_states import level, measured_start, read_off_pose
 from qcar_twin.plant import START
+from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import QCAR
 
@@ -117,3 +118,31 @@ def test_without_gyro_and_heading_the_car_turns_as_it_is_steered():
   recording = Recording.from_columns("r", clock, {"speed": np.full(100, 1.0), "pose_x": clock, "pose_y": 0.0 * clock})
   start = dict(zip(START, measured_start(recording, 0.5, QCAR, 0.3, False), strict=True))
   assert start["yaw_rate"] == pytest.approx(np.tan(0.3) / (QCAR.cg_to_front + QCAR.cg_to_rear), rel=0.05)
+
+
+@pytest.mark.parametrize("heading", [True, False])
+def test_a_speed_without_a_sensor_is_the_slope_of_the_way_there(heading):
+  """Not one between two windows of a tenth of a second, of which one may be before the launch."""
+  time, random = np.arange(0.0, 3.0, 0.01), np.random.default_rng(3)
+  pushed = np.clip(time - 1.05, 0.0, 0.4)
+  way = 0.3 * time + 2.5 * pushed**2 + 5.0 * pushed * np.maximum(time - 1.05 - pushed, 0.0)
+  along = way + 4e-4 * random.standard_normal(len(time))
+  columns = {"motor_voltage": pushed, "pose_x": 0.6 * along, "pose_y": 0.8 * along, "yaw_rate": 0.0 * time}
+  if heading:
+    columns["pose_yaw"] = np.full(len(time), np.arctan2(0.8, 0.6))
+  recording = with_speed(Recording.from_columns("r", time, columns))[0]
+  starts = np.arange(0.5, 2.5, 0.02)
+  error = lambda speed: np.array([speed(t) for t in starts]) - (0.3 + 5.0 * np.clip(starts - 1.05, 0.0, 0.4))
+  read = error(lambda t: measured_start(recording, t, QCAR, 0.0, False)[START.index("velocity_x")])
+  between = error(recording["speed"].interpolate)
+  assert np.std(read) < 0.03 and np.std(read) < 0.7 * np.std(between)
+  assert read_off_pose(recording).tolist() == [name == "velocity_x" for name in START]
+
+
+def test_a_turn_without_a_gyro_is_read_off_the_pose():
+  time = np.arange(0.0, 1.0, 0.01)
+  recording = Recording.from_columns("r", time, {"speed": time, "motor_voltage": time, "pose_yaw": time})
+  assert [name for name, said in zip(START, read_off_pose(recording), strict=True) if said] == [
+    "velocity_y",
+    "yaw_rate",
+  ]

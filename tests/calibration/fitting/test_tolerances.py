@@ -25,6 +25,7 @@ STIFFNESS = Parameter("stiffness", 500.0, 20.0, 2000.0, "N", factor=3.0)
 GAIN = Parameter("gain", 1.0, 0.1, 10.0, "-")
 MASS = Parameter("mass", 2.0, 1.0, 4.0, "kg", std=0.1)
 AGE = Parameter("age", 0.0, 0.0, 0.015, "s", null=0.0, std=0.005)
+TURNED = Twin(QCAR, select(["steering_gain_error"]))
 ALL = ParameterSet([STIFFNESS, GAIN, MASS, AGE])
 
 
@@ -111,3 +112,11 @@ def test_the_speed_of_a_log_without_an_encoder_has_its_own_period():
   twin = Twin(QCAR, select(["encoder_latency"]))
   known = with_sensor_biases(twin.base, twin, [logged(20.0, "speed")])["encoder_latency"].std
   assert known == pytest.approx(np.hypot(0.003, 0.0125))
+
+
+def test_a_steering_is_as_uncertain_as_its_full_lock_was_stated_to_be():
+  """Most cars are told shares of full lock: a scale that nobody measured well is no error of the linkage."""
+  usual = lambda std: with_tolerances(TURNED.base, twin_of(std))["steering_gain_error"].std
+  twin_of = lambda std: Twin(dataclasses.replace(QCAR, std=dict(QCAR.std) | std), select(["steering_gain_error"]))
+  assert usual({}) == pytest.approx(0.007)
+  assert usual({"max_steering": 0.04 * QCAR.max_steering}) == pytest.approx(np.hypot(0.007, 0.04))
