@@ -3,8 +3,6 @@
 import dataclasses
 import math
 
-from scipy.stats import chi2
-
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.departures import departures
 from calibration.diagnosis.decision.evidence import Evidence, Model, Named
@@ -62,7 +60,7 @@ def claim(name: Named, model: Model, evidence: Evidence, levels: Levels) -> Clai
 
 
 def sensor_claims(model: Model, evidence: Evidence, levels: Levels) -> list[Claim]:
-  """Errors far beyond what every sensor has; they are part of every model, so leaving them out is the test.
+  """Errors far beyond what every sensor has. All models have them, so the test is to hold them to what is usual.
 
   How far an age lies beyond is judged with the form deviation that ages have, see `departures`, and that of a bias by
   `beyond_usual`.
@@ -88,7 +86,7 @@ def beyond_usual(name: Named, levels: Levels) -> bool:
   Together, since a bias of 0.2 m/s^2 halfway between two axes is no smaller than one along either.
   """
   sizes = name.deviations
-  return not sizes or math.hypot(*sizes) > math.sqrt(float(chi2.isf(levels.unusual, len(sizes))))
+  return not sizes or math.hypot(*sizes) > levels.usual_reach(len(sizes))
 
 
 def _estimates(name: Named, levels: Levels) -> dict[str, dict[str, float | str]]:

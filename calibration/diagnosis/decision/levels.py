@@ -13,6 +13,8 @@ import math
 import tomllib
 from pathlib import Path
 
+from scipy.stats import chi2
+
 FILE = Path(__file__).with_name("levels.toml")
 
 
@@ -82,6 +84,10 @@ class Levels:
   def figures(self, t: float, margin: float) -> tuple[float, float]:
     """What the weights t and margin multiply."""
     return max(-self.most_t, min(t, self.most_t)), math.copysign(math.log1p(abs(margin) / self.near), margin)
+
+  def usual_reach(self, count: int) -> float:
+    """How far biases of one sensor lie from none, in usual deviations of all together, but with chance `unusual`."""
+    return math.sqrt(float(chi2.isf(self.unusual, count))) if count else math.inf
 
   def probability(self, t: float, margin: float) -> float:
     """That a name is right.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,6 +23,7 @@ from calibration.diagnosis.decision.evidence import (
   Taken,
   rounded,
 )
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
@@ -136,8 +138,12 @@ class Weighing:
     )
 
   def sensors(self, model: Candidate) -> list[Named]:
-    """Sensors' own errors of a model, each against the model without it."""
-    rows = []
+    """Sensors' own errors of a model, each against the nearest model with one that is usual, or with none if it is.
+
+    Every sensor has some: what says that one errs by more than usual is what the more explains. Several sensors that
+    speak late and commands that act early fit alike, and then a usual age fits as well as one beyond it.
+    """
+    rows, levels = [], usual_levels()
     for mechanism in sorted(sensor_error_mechanisms(self.pool.problem.twin.mechanisms), key=lambda m: m.name):
       names = [p.name for p in mechanism.parameters if p.name in model.free]
       if not names:
@@ -145,7 +151,10 @@ class Weighing:
       declared = usual_errors([mechanism], self.observations)
       usual = {n: declared.get(n, model.free[n].std) for n in names}
       away = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
-      without = _at_null(model, names)
+      share = levels.usual_reach(len(away)) / max(math.hypot(*away), 1e-12)
+      kept = share if share < 1.0 else 0.0
+      held = {n: (1.0 - kept) * (model.free[n].null or 0.0) + kept * model.estimate(n)[0] for n in names}
+      without = _held(model, held)
       row = self._weighed(model, without, mechanism.name, self._test(model, without), at_bound=False)
       rows.append(dataclasses.replace(row, deviations=tuple(map(float, away))))
     return rows
@@ -213,12 +222,12 @@ def _names(model: Candidate) -> tuple[str, ...]:
   return tuple(sorted(model.mechanisms))
 
 
-def _at_null(model: Candidate, names: list[str]) -> Candidate:
-  """A model with some parameters held at zero and the rest refitted within their bounds, to first order."""
-  held = [model.free.index(n) for n in names]
+def _held(model: Candidate, at: Mapping[str, float]) -> Candidate:
+  """A model with some parameters held at values and the rest refitted within their bounds, to first order."""
+  held = [model.free.index(n) for n in at]
   rest = [i for i in range(len(model.free)) if i not in held]
   move = np.zeros(len(model.free))
-  move[held] = -model.values[held]
+  move[held] = np.array(list(at.values())) - model.values[held]
   pull = model.gradient + model.curvature @ move
   free = ParameterSet(model.free[model.free.names[i]] for i in rest)
   values = bounded_solve(model.curvature[np.ix_(rest, rest)], pull[rest], model.values[rest], free)

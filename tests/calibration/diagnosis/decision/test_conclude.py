@@ -208,6 +208,22 @@ def test_a_bias_is_claimed_beyond_what_every_sensor_has(biased_pool, monkeypatch
     assert claimed(biased_pool) == claims
 
 
+def test_a_bias_is_weighed_against_the_nearest_usual_one_and_not_against_none(biased_pool, monkeypatch):
+  """What explains the rest of it is a quadratic's: ((b - r) / b)^2 of what explains all, r what is usual."""
+
+  def drop(usual: float) -> float:
+    kind = type(biased_pool.problem.mechanism("gyro_bias"))
+    monkeypatch.setattr(kind, "sensor_errors", {"gyro_bias": SensorError(usual)})
+    (row,) = gather(biased_pool).base.sensors
+    return row.held_out.drop
+
+  reach = usual_levels().usual_reach(1)
+  assert reach == pytest.approx(2.326, abs=1e-3)
+  whole = drop(1e-9)
+  assert drop(0.04) == pytest.approx(whole * (1.0 - 0.04 * reach / 0.2) ** 2, rel=0.02)
+  assert drop(1.0) == pytest.approx(whole, rel=1e-6)  # usual: what every model has of it
+
+
 def test_a_sensors_age_is_claimed_where_it_departs_as_a_figure_does(biased_pool):
   """Not by its bias' usual size: what every sensor has and the twin's own form say how far an age is unusual."""
   evidence = gather(biased_pool)
