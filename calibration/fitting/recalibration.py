@@ -36,6 +36,7 @@ _SPAN = 3  # iterations of a rough fit before the worse half of the starts is gi
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
 _LONGEST = 40  # iterations between two corrections: a search ends where its slopes do, not by count
 _AFAR = 4  # rounds of a fit from afar
+_HELD = 0.01  # of a limit, its deviation where it is held
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -290,13 +291,16 @@ def _approach(
 
 
 def _held(base: ParameterSet) -> ParameterSet:
-  """The same with what was weighed and measured held ten times closer.
+  """The same with what was weighed and measured held ten times closer, and limits where they act.
 
   A wheel that slides hard in the wrong twin makes the cost so rough that a fit of everything ends where a false
-  centre of gravity makes up for a false grip, thousands of nats above the minimum.
+  centre of gravity makes up for a false grip, thousands of nats above the minimum. A limit that no longer acts has no
+  slope: one that a poor twin drove there stays there.
   """
-  measured = [base[n] for n in _BODY if base[n].std]
-  return base.replace(**{p.name: dataclasses.replace(p, std=0.1 * (p.std or 0.0)) for p in measured})
+  measured = {n: dataclasses.replace(base[n], std=0.1 * (base[n].std or 0.0)) for n in _BODY if base[n].std}
+  limits = [p for p in base if p.start is not None and p.nominal == p.null]
+  acting = {p.name: dataclasses.replace(p, nominal=p.start, std=_HELD * p.start, start=None) for p in limits if p.start}
+  return base.replace(**measured, **acting)
 
 
 def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Array:
