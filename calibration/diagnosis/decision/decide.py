@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from calibration.diagnosis.decision.claims import Claim, claim, sensor_claims
 from calibration.diagnosis.decision.comparison import Comparison
-from calibration.diagnosis.decision.departures import Departure, departures
+from calibration.diagnosis.decision.departures import Departure, departures, needed
 from calibration.diagnosis.decision.evidence import Evidence, Model
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.decision.structure import Leftover
@@ -71,7 +71,7 @@ def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
   verdict = "explained" if claims else "no_mismatch"
   possible, ranking = _possible(evidence, claims, levels), _ranking(evidence, claims)
   nearest = "" if claims or undecided else _nearest(evidence, levels)
-  apart = departures(best.measured, levels)
+  apart = tuple(d for d in departures(best.measured, levels) if needed(d, best, levels))
   return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, (), undecided, apart, nearest)
 
 

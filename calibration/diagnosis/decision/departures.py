@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 
 from scipy import stats
 
-from calibration.diagnosis.decision.evidence import Measured
+from calibration.diagnosis.decision.evidence import Measured, Model
 from calibration.diagnosis.decision.levels import Levels
 from calibration.intervals.forms import OTHERS, usual_forms
 
@@ -52,9 +52,26 @@ def departures(
     forms: form deviation of each figure, as a share of its size, and of "others"; that of forms.toml by default.
   """
   forms = usual_forms() if forms is None else forms
-  level = float(stats.norm.isf(levels.conflict / (2.0 * max(len(figures), 1))))
+  level = _level(figures, levels)
   found = [_departure(f, forms.get(f.name, forms[OTHERS])) for f in figures]
   return tuple(sorted((d for d in found if abs(d.z) > level), key=lambda d: (-abs(d.z), d.name)))
+
+
+def needed(departure: Departure, model: Model, levels: Levels) -> bool:
+  """Whether the driving asks for a departure: a usual age in its place fits worse, by as much as is beyond chance.
+
+  A fit may leave an age anywhere along a valley, in which others make up for it. A figure that was measured is pulled
+  to its measurement, and what pulls it off is the driving.
+  """
+  rows = [row for row in model.sensors if departure.name in {e.name for e in row.estimates}]
+  if not departure.usual or not rows:
+    return True
+  return math.sqrt(2.0 * max(rows[0].held_out.drop, 0.0)) > _level(model.measured, levels)
+
+
+def _level(figures: Sequence[Measured], levels: Levels) -> float:
+  """Deviations that any of the figures passes by chance with probability `conflict`."""
+  return float(stats.norm.isf(levels.conflict / (2.0 * max(len(figures), 1))))
 
 
 def _departure(figure: Measured, form: float) -> Departure:

@@ -1,9 +1,11 @@
 """Figures that the driving contradicts, against measurement and the twin's own form."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from calibration.diagnosis.decision.departures import departures
+from calibration.diagnosis.decision.departures import departures, needed
 from calibration.diagnosis.decision.evidence import Measured
 from calibration.diagnosis.decision.levels import usual_levels
 
@@ -40,3 +42,13 @@ def test_by_chance_any_of_many_figures_departs_as_seldom_as_stated():
     figures = [figure(n, 1.0 + np.hypot(0.01, FORMS.get(n, 0.1)) * random.normal()) for n in ("mass", "a", "b", "c")]
     hits += bool(departures(figures, LEVELS, FORMS))
   assert hits / count == pytest.approx(LEVELS.conflict, abs=0.007)
+
+
+@pytest.mark.parametrize(("drop", "told"), [(50.0, True), (0.5, False), (-1.0, False)])
+def test_an_unusual_age_is_told_where_a_usual_one_fits_worse_and_not_where_others_make_up_for_it(drop, told):
+  age = Measured("pose_latency", 0.0, 0.005, 0.03, 0.01, "s", usual=True)
+  row = SimpleNamespace(estimates=[SimpleNamespace(name="pose_latency")], held_out=SimpleNamespace(drop=drop))
+  model = SimpleNamespace(measured=(age, figure("mass", 1.5)), sensors=[row])
+  late, mass = sorted(departures(model.measured, LEVELS, FORMS), key=lambda d: d.name, reverse=True)
+  assert needed(late, model, LEVELS) is told and needed(mass, model, LEVELS)
+  assert needed(late, SimpleNamespace(measured=(age,), sensors=[]), LEVELS)
