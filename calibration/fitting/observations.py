@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.noise_floor import driving_noise
-from calibration.fitting.residual_channels import CHANNELS, POSE, RESIDUALS, UNITS, ResidualChannel
+from calibration.fitting.residual_channels import CHANNELS, POSE, RESIDUALS, UNITS, ResidualChannel, compared_in
 from calibration.fitting.windows import DEFAULT_CUT, Cut, Stretches, cut_recordings
 from qcar_twin.plant import SIGNALS, Prediction, signal_index
 from qcar_twin.recordings.completed import speed_window
@@ -144,10 +144,10 @@ class Observations:
     if channel.way is not None:
       pose, ends = flat[:, :, _POSE], self._points[rows] + self._fractions[rows]
       duration = (ends[:, _AFTER] - ends[:, _BEFORE]) * self.stretches.segments.period
-      return channel.way(at(pose, _BEFORE), at(pose, _AFTER)) / duration
-    assert channel.model is not None
-    signal = lambda name: at(flat[:, :, signal_index(name)], _NOW)
-    value = channel.model(signal, self.vehicle)
+      value = channel.way(at(pose, _BEFORE), at(pose, _AFTER)) / duration
+    else:
+      assert channel.model is not None
+      value = channel.model(lambda name: at(flat[:, :, signal_index(name)], _NOW), self.vehicle)
     return np.abs(value) if channel.may_lose_sign and self.unsigned_speed else value
 
 
@@ -222,11 +222,11 @@ def _segment_rows(
 ) -> Iterator[Rows]:
   # the log's first row is the start state itself, not an outcome: scored rows come after it
   low, high = span[0] + 1e-9, span[1] + 1e-9
-  compared = [c for c in RESIDUALS.values() if c.is_compared(recording)]
+  compared = compared_in(recording)
   for channel in compared:
     if channel.is_direct:
-      stream, reach = recording[channel.needs[0]], _REACH * speed_window(recording) if channel.way is not None else 0.0
-      time = stream.time
+      stream = recording[channel.needs[0]]
+      time, reach = stream.time, _REACH * speed_window(stream) if channel.way is not None else 0.0
       keep = (time > low) & (time <= high) & (time - reach >= place.offset) & (time + reach <= high)
       now = time[keep]
       yield _rows(channel, stream.value[keep], place, [now, now - reach, now + reach])

@@ -154,8 +154,8 @@ RESIDUALS: dict[str, ResidualChannel] = {
   for channel in (
     ResidualChannel.recorded("motor_speed"),
     ResidualChannel.recorded("speed", rolling_speed, instead="motor_speed", may_lose_sign=True),
-    ResidualChannel("pose_speed", "m/s", "speed of the pose", ("speed", *POSE), way=along_heading),
     ResidualChannel("path_speed", "m/s", "speed of the place", ("speed", *POSE[:2]), way=between, instead="pose_yaw"),
+    ResidualChannel("pose_speed", "m/s", "speed of the pose", ("speed",), way=along_heading, may_lose_sign=True),
     ResidualChannel.recorded("accel_x", words="longitudinal acceleration"),
     ResidualChannel.recorded("accel_y", words="lateral acceleration"),
     ResidualChannel.recorded("yaw_rate"),
@@ -203,6 +203,13 @@ RESIDUALS: dict[str, ResidualChannel] = {
     ),
   )
 }
+
+
+def compared_in(recording: Recording) -> list[ResidualChannel]:
+  """What a recording is compared in: one speed of the pose at most, its size where a place alone gave it."""
+  there = [c for c in RESIDUALS.values() if c.is_compared(recording)]
+  ways = [c for c in there if c.way is not None]
+  return [c for c in there if c.way is None or c is ways[0]]
 
 
 def register(channel: ResidualChannel) -> ResidualChannel:

@@ -62,7 +62,8 @@ def measured_start(
   if "motor_speed" in recording:
     speed = float(road_speed(at("motor_speed"), vehicle))
   else:
-    speed = _of_pose(recording, time, white) if "speed" in recording.derived else at("speed")
+    placed = "speed" in recording.derived and "pose_x" in recording
+    speed = _of_pose(recording, time, white) if placed else at("speed")
   turn, unsure = at("yaw_rate"), white.get("yaw_rate", 0.0)
   if "yaw_rate" not in recording and "pose_yaw" in recording:
     turn, unsure = slope(recording["pose_yaw"], time, white.get("pose_yaw", 0.0))

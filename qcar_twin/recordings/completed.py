@@ -85,11 +85,9 @@ def with_speed(recording: Recording) -> tuple[Recording, list[str]]:
   return recording.replace(streams=streams, derived=(*recording.derived, "speed")), [note]
 
 
-def speed_window(recording: Recording) -> float:
-  """Time over which `with_speed` takes the pose for one speed, s; 0 where there are not two poses."""
-  time = recording["pose_x"].time
-  step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-  return step * (_count(step) - 1)
+def speed_window(speed: Stream) -> float:
+  """Time over which `with_speed` takes the pose for one speed, s: each begins where the one before ends."""
+  return float(np.median(np.diff(speed.time))) if len(speed) > 1 else _WINDOW
 
 
 def ways(recording: Recording) -> list[Stream]:
@@ -125,7 +123,7 @@ def _velocities(recording: Recording, signed: bool) -> tuple[np.ndarray, np.ndar
   x, y = recording["pose_x"], recording["pose_y"]
   time, none = x.time, (np.zeros(0), np.zeros((1 if signed else 2, 0)), 0.0, 0.0)
   step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-  count = _count(step)
+  count = max(_LEAST, round(_WINDOW / step) + 1) if step > 0.0 else _LEAST
   first = np.arange(0, len(time) - count + 1, count - 1)
   rows = first[:, None] + np.arange(count)
   if not first.size:
@@ -141,11 +139,6 @@ def _velocities(recording: Recording, signed: bool) -> tuple[np.ndarray, np.ndar
   middle = time[rows].mean(axis=1)
   slopes, noise = _slopes(time[rows] - middle[:, None], place[:, rows])
   return middle, slopes, noise / step * float(np.sqrt(12.0 / (count * (count**2 - 1.0)))), step * (count - 1)
-
-
-def _count(step: float) -> int:
-  """Poses in a window, which are `step` seconds apart."""
-  return max(_LEAST, round(_WINDOW / step) + 1) if step > 0.0 else _LEAST
 
 
 def _slopes(time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:

@@ -5,9 +5,11 @@ import pytest
 
 from calibration.fitting.observations import Observations, observe
 from calibration.fitting.residual_channels import along_heading, between
-from qcar_twin.plant import SIGNALS, Prediction
+from calibration.fitting.start_states import measured_start
+from qcar_twin.plant import SIGNALS, START, Prediction
+from qcar_twin.recordings.checks.steered import along_only
 from qcar_twin.recordings.completed import with_speed
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 
 CAR = Vehicle.load()
@@ -101,3 +103,21 @@ def test_an_arc_is_longer_than_its_chord_and_has_a_sign():
   assert along_heading(before, after) == pytest.approx(0.8, rel=1e-12)
   assert along_heading(after, before) == pytest.approx(-0.8, rel=1e-12)
   assert between(before, after) == pytest.approx(2.0 * np.sin(0.4), rel=1e-12)
+
+
+@pytest.mark.parametrize("heading", [True, False])
+def test_a_speed_whose_pose_was_left_out_is_the_car_s_still(heading):
+  """As of a car that turned with no steering command in its log, of which what shows turning is left out."""
+  (recording,) = along_only([launch(100.0, heading=heading)])
+  error = errors(recording, 100.0)
+  assert np.abs(error["pose_speed"]).max() < 0.02 * PUSH * 0.1
+  assert not {"speed", "path_speed"} & error.keys()
+  start = measured_start(recording, 1.0, CAR, 0.0, False)
+  assert start[START.index("velocity_x")] == pytest.approx(0.3, abs=1e-3)
+
+
+def test_one_speed_alone_tells_no_window_and_still_is_compared():
+  whole = launch(100.0)
+  speed = whole["speed"]
+  few = whole.replace(streams={**whole.streams, "speed": Stream(speed.time[10:11], speed.value[10:11])})
+  assert np.isfinite(errors(few, 100.0)["pose_speed"]).all()
