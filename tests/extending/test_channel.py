@@ -127,7 +127,7 @@ def test_a_log_of_it_in_another_unit_is_refused_with_the_cure(folder):
 def test_a_model_without_its_record_says_what_to_do_first(folder):
   with pytest.raises(ValueError, match="registered in qcar_twin.recordings.channels first"):
     ResidualChannel("front_left", "rad/s", "front left wheel", (NAME,), lambda signal, car: signal("motor_speed"))
-  with pytest.raises(ValueError, match="one of a model, a displacement and a path"):
+  with pytest.raises(ValueError, match="one of a model, a displacement, a path and a way"):
     ResidualChannel("front_left", "rad/s", "front left wheel", ("speed",))
   with pytest.raises(ValueError, match="there is a residual channel 'speed' already"):
     register(ResidualChannel.recorded("speed"))
