@@ -98,7 +98,7 @@ def _of_pose(recording: Recording, time: float, white: Mapping[str, float]) -> f
   """Speed of the car at a time by its pose, m/s; its size where no heading says which way it goes."""
   sides = [(way, white.get(name, 0.0)) for way, name in zip(ways(recording), ("pose_x", "pose_y"), strict=False)]
   rates = [slope(way, time, noise)[0] for way, noise in sides]
-  return rates[0] if len(rates) == 1 else float(np.hypot(*rates))
+  return rates[0] if len(rates) == 1 else float(np.linalg.norm(rates))
 
 
 def _speed_noise(white: Mapping[str, float], recording: Recording, vehicle: Vehicle) -> float:

@@ -209,7 +209,7 @@ class Twin:
       raise ValueError(f"nothing to drive: {len(theta)} parameter vectors over {len(segments)} segments")
     if abs(segments.period - self.period) > 1e-9:
       raise ValueError(f"this twin's control period is {self.period:g} s, and the segments' {segments.period:g} s")
-    stepped, same = np.unique(self.without_sensors(theta, segments.by_pose.any()), axis=0, return_inverse=True)
+    stepped, same = np.unique(self.without_sensors(theta, bool(segments.by_pose.any())), axis=0, return_inverse=True)
     rows = self.rows if self.engine == "mujoco" else _AT_ONCE * self.rows
     per_turn = max(1, rows // len(segments))
     turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
@@ -220,7 +220,7 @@ class Twin:
     shown = self.sensed(self._in_sessions(theta, segments), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
 
-  def without_sensors(self, theta: Array, by_pose: bool | np.bool_ = True) -> Array:
+  def without_sensors(self, theta: Array, by_pose: bool = True) -> Array:
     """The same vectors with sensor-side mechanisms at their nominal values. `by_pose`: poses say how cars start."""
     stepped = theta.copy()
     for mechanism in self.mechanisms:
