@@ -7,7 +7,7 @@ import numpy as np
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 
-_READ = 0.007
+_READ = 0.007  # of the angle: 0.2 degrees at 30, as a protractor reads it
 
 
 class SteeringGainError(Mechanism):
@@ -38,6 +38,5 @@ class SteeringGainError(Mechanism):
     return acting
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """0.2 degrees at 30, as a protractor reads it, and what the angle at full lock was stated to be uncertain by: the
-    commands of most cars are shares of it."""
+    """As an angle is read, and what that at full lock was stated to be uncertain by: most commands are shares of it."""
     return {"steering_gain_error": float(np.hypot(_READ, std.get("max_steering", 0.0) / car.max_steering))}
