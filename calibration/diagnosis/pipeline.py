@@ -31,7 +31,7 @@ from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrat
 from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
-from calibration.fitting.tolerances import rather, stopped, unusual
+from calibration.fitting.tolerances import rather, stopped, unusual, without_channel
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import fitted_ages, ready
 from calibration.progress import Progress, silent
@@ -122,7 +122,8 @@ def diagnose(
   begun = prepared or prepare(dataset, candidates, start, substeps, threads, plant=plant)
   twin = exact(begun.recalibrated.problem.twin)
   priors = begun.recalibrated.fit.parameters
-  tried = [m for m in begun.known if (candidates is None or m.name in candidates) and not always_free(m, priors)]
+  asked = [m for m in begun.known if (candidates is None or m.name in candidates) and not always_free(m, priors)]
+  tried = [m for m in asked if not without_channel(m, dataset.recordings)]
   noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)

@@ -82,13 +82,13 @@ def starting_priors(recordings: Sequence[Recording], twin: Twin, start: Start | 
   """What every model fits: the base, the sensors' own small errors, and what the twin to go on from has beyond them."""
   base = first_guess(recordings, twin.vehicle)
   if start is None:
-    return with_tolerances(with_sensor_biases(base, twin, recordings), twin)
+    return with_tolerances(with_sensor_biases(base, twin, recordings), twin, recordings)
   values = start[0].parameters.named(start[1])
-  ruled = with_tolerances(ParameterSet(()), twin)
+  ruled = with_tolerances(ParameterSet(()), twin, recordings)
   small = {p.name for p in ruled if p.lower <= values.get(p.name, 0.0) <= p.upper}
   carried = [p for m in start[0].mechanisms if not m.sensor_errors for p in m.parameters if p.name not in small]
   base = informed(base, {name: values[name] for name in base.names if name in values})
   priors = with_sensor_biases(base, twin, recordings) + [
     dataclasses.replace(p, nominal=values[p.name]) for p in carried
   ]
-  return with_tolerances(priors, twin)
+  return with_tolerances(priors, twin, recordings)

@@ -95,18 +95,25 @@ def _read_at_rest(parameter: Parameter, error: SensorError, recordings: Sequence
   return dataclasses.replace(parameter, nominal=nominal, std=min(float(np.hypot(error.wander, scatter)), error.std))
 
 
-def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
+def with_tolerances(priors: ParameterSet, twin: Twin, recordings: Sequence[Recording] = ()) -> ParameterSet:
   """The same and the errors that are allowed for, within three standard deviations, not to be taken for physics.
 
   A wheel radius that is 1 % off makes every turn 1 % too wide and would pass for an error of the steering; so would a
   linkage that turns the two wheels a little otherwise, and a body roll that the twin's accelerometer does not feel for
-  a tilted sensor.
+  a tilted sensor. What a channel errs in is none where another stands in its place.
   """
   stds = {}
-  for mechanism in tolerated_mechanisms(twin.mechanisms):
+  for mechanism in tolerated_mechanisms(m for m in twin.mechanisms if not without_channel(m, recordings)):
     stds |= mechanism.tolerances(twin.car, twin.vehicle.std)
   known = {name: std for name, std in stds.items() if std > 0.0 and name not in priors}
   return priors + [_tolerated(twin.parameters[name], std) for name, std in known.items()]
+
+
+def without_channel(mechanism: Mechanism, recordings: Sequence[Recording]) -> bool:
+  """Whether no sensor logged what a mechanism errs in, since another channel stands in its place."""
+  logged = {name for r in recordings for name in r.channels if name not in r.derived}
+  instead = {*mechanism.replaced_by}
+  return bool(instead) and (bool(logged & instead) or not logged & {*mechanism.needs})
 
 
 def _tolerated(parameter: Parameter, std: float) -> Parameter:

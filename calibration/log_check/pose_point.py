@@ -39,10 +39,9 @@ def pose_point_findings(recordings: Sequence[Recording], vehicle: Vehicle) -> li
   ahead -= vehicle.cg_to_rear
   if abs(ahead) - _SURE * std < _ELSEWHERE * vehicle.wheelbase:
     return []
-  where, sign = ("ahead of", "-") if ahead > 0.0 else ("behind", "+")
+  where = "ahead of" if ahead > 0.0 else "behind"
   said = f"pose_x and pose_y are of a point {abs(ahead):.3f} ± {std:.3f} m {where} the centre of gravity: so they move"
-  shift = " and ".join(f"{sign} {abs(ahead):.3f} {part}(pose_yaw)" for part in ("cos", "sin"))
-  cure = f"track that centre, or add {shift} to the two columns, in m, before a fit"
+  cure = f"set ahead = {ahead:.3f} on pose_x in [channels], added to one that is there"
   return [Finding("beware", ("pose_x", "pose_y"), f"{said} sideways in turns; {cure}")]
 
 

@@ -27,7 +27,8 @@ class Mapped:
   `wrap`: an angle that jumps by turns is unwrapped; None where nobody said: it is, with a note.
   `late`: s by which the log has the channel later than it was. `signed_by`: the channel that has the sign it lacks.
   Of the clock alone: `rate` [Hz] of a log without one, whose rows are 1 / rate apart; `steps`: each row has the time
-  since the row before; `sort`: rows that were written out of order are sorted by time.
+  since the row before; `sort`: rows that were written out of order are sorted by time. Of the pose alone: `ahead` (on
+  pose_x) and `left` (on pose_y), m from the centre of gravity to the point whose place the log has.
   """
 
   column: str
@@ -41,6 +42,8 @@ class Mapped:
   rate: float | None = None
   steps: bool = False
   sort: bool = False
+  ahead: float = 0.0
+  left: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -244,6 +247,9 @@ def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
   for key in () if channel == "time" else ("rate", "steps", "sort"):
     if key in table:
       raise RecordingError(f"{FILE_NAME}: {where}cannot have {key}, which belongs to time")
+  for key, only in (("ahead", "pose_x"), ("left", "pose_y")):
+    if key in table and channel != only:
+      raise RecordingError(f"{FILE_NAME}: {where}cannot have {key}, which belongs to {only}")
   if channel == "time" and "rate" in table:
     return _fixed_rate(table, where)
   if "column" not in table:
@@ -259,6 +265,8 @@ def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
     _number(table, "late", where),
     steps=_flag(table, "steps", where),
     sort=_flag(table, "sort", where),
+    ahead=_number(table, "ahead", where),
+    left=_number(table, "left", where),
   )
   if mapped.scale == 0.0:
     raise RecordingError(

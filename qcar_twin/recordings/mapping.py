@@ -129,7 +129,26 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
       f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "
       "and are spread evenly between its stamps"
     )
-  return streams, notes
+  return _at_centre(streams, mapping, table.label), notes
+
+
+def _at_centre(streams: dict[str, Stream], mapping: Mapping[str, Mapped], label: str) -> dict[str, Stream]:
+  """The place of the centre of gravity, from that of the point `ahead` and to the `left` of it which was logged."""
+  ahead, left = (getattr(mapping.get(channel), key, 0.0) for channel, key in (("pose_x", "ahead"), ("pose_y", "left")))
+  if (ahead, left) == (0.0, 0.0) or not {"pose_x", "pose_y"} & streams.keys():
+    return streams
+  if not {"pose_x", "pose_y", "pose_yaw"} <= streams.keys():
+    raise RecordingError(
+      f"{label}: the place is that of a point {ahead:g} m ahead and {left:g} m left of the centre of gravity, as ahead "
+      "and left on pose_x and pose_y say; to find the centre pose_x, pose_y and pose_yaw are needed: map all three"
+    )
+  moved = {}
+  for channel, along, across in (("pose_x", ahead, -left), ("pose_y", left, ahead)):
+    place = streams[channel]
+    yaw = np.interp(place.time, streams["pose_yaw"].time, streams["pose_yaw"].value)
+    shift = along * np.cos(yaw) + across * np.sin(yaw)
+    moved[channel] = Stream(place.time, place.value - shift)
+  return streams | moved
 
 
 def _drive(mapping: Mapping[str, Mapped]) -> str | None:

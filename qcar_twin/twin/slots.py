@@ -19,7 +19,9 @@ def under_way(mechanism: Mechanism) -> bool:
 
 def moves_start(mechanism: Mechanism, by_pose: bool = True) -> bool:
   """Whether cars begin elsewhere than their sensors show because of it. `by_pose`: some were read off the pose."""
-  return type(mechanism).begin is not Mechanism.begin and (by_pose or not mechanism.of_pose)
+  kind = type(mechanism)
+  says = kind.begin is not Mechanism.begin or kind.own_share is not Mechanism.own_share
+  return says and (by_pose or not mechanism.of_pose)
 
 
 @dataclasses.dataclass(eq=False)

@@ -61,15 +61,16 @@ def slipping(start: Array, push: Array, values: Mapping[str, Array], vehicle: Ve
 
 
 def driving(
-  start: Array, of_car: NDArray[np.bool_], push: Array, values: Mapping[str, Array], vehicle: Vehicle
+  start: Array, own: Array, push: Array, values: Mapping[str, Array], vehicle: Vehicle
 ) -> tuple[Array, Array]:
-  """The same of cars some of whose speeds are their own, `of_car` (N,), not their wheels'. Start states, (N, 7), and
-  how fast driven wheels turn at the rim, m/s, (N,)."""
-  wheels, speed = start.copy(), start[:, _SPEED]
-  for _ in range(_TURNS if of_car.any() else 0):
-    wheels[of_car, _SPEED] += (speed - slipping(wheels, push, values, vehicle)[:, _SPEED])[of_car]
+  """The same of cars whose measured speed is by a share their own, (N,), and by the rest their wheels'. Start states,
+  (N, 7), and how fast driven wheels turn at the rim, m/s, (N,)."""
+  wheels, said = start.copy(), start[:, _SPEED]
+  for _ in range(_TURNS if own.any() else 0):
+    speed = slipping(wheels, push, values, vehicle)[:, _SPEED]
+    wheels[:, _SPEED] += said - (own * speed + (1.0 - own) * wheels[:, _SPEED])
   out = slipping(wheels, push, values, vehicle)
-  out[of_car, _SPEED] = speed[of_car]
+  out[:, _SPEED] = np.where(own == 1.0, said, out[:, _SPEED])
   return out, wheels[:, _SPEED]
 
 

@@ -7,7 +7,7 @@ vector with names; mechanisms that are at their null are not run at all.
 import copy
 import functools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Literal, Self
 
 import mujoco
@@ -181,11 +181,7 @@ class Twin:
 
   def slots(self, theta: Array) -> list[Slot]:
     """Mechanisms that act while cars with parameters (N, P) are under way, where they are present."""
-    return [
-      Slot(m, rows, theta[rows][:, self._columns[m.name]])
-      for m in self._chain
-      if under_way(m) and (rows := self.present(m, theta)) is not None
-    ]
+    return [Slot(*there) for there in self._acting(filter(under_way, self._chain), theta)]
 
   def _engine(self, size: int, batch: Batch | None) -> Engine:
     if self._made is not None:
@@ -264,10 +260,8 @@ class Twin:
     if self.engine == "mujoco":
       return [slice(None)]
     busy = np.zeros(len(theta), dtype=bool)
-    for mechanism in self.mechanisms:
-      if under_way(mechanism) and (rows := self.present(mechanism, theta)) is not None:
-        slot = Slot(mechanism, rows, theta[rows][:, self._columns[mechanism.name]])
-        busy[rows] |= (slot.acts and not slot.foreseen) & ~mechanism.passes(slot.theta)
+    for slot in self.slots(theta):
+      busy[slot.rows] |= (slot.acts and not slot.foreseen) & ~slot.mechanism.passes(slot.theta)
     if busy.all() or not busy.any():
       return [slice(None)]
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]
@@ -286,28 +280,37 @@ class Twin:
       return start, None
     values = {name: theta[:, i] for i, name in enumerate(self.base.names)}
     push = rate[:, _ALONG] if push is None else np.where(np.isnan(push), rate[:, _ALONG], push)
-    return driving(start, by_pose[:, _ALONG], push, values, self.vehicle)
+    return driving(start, self._own(theta, by_pose[:, _ALONG]), push, values, self.vehicle)
+
+  def _own(self, theta: Array, by_pose: NDArray[np.bool_]) -> Array:
+    """Share, (N,), that the car's own speed has in the measured one; all of it where the pose said it, (N,)."""
+    own = by_pose.astype(np.float64)
+    for mechanism, rows, values in self._acting(filter(moves_start, self._chain), theta):
+      own[rows] = np.maximum(own[rows], mechanism.own_share(values))
+    return own
 
   def _begun(self, theta: Array, by_pose: NDArray[np.bool_], start: Array, rate: Array) -> Array:
     """States (N, 7) as they were, given what was said of them and of how fast they change, in place; `by_pose`: by the
     pose, (N, 7), and not by a sensor of their own."""
-    for mechanism in filter(moves_start, reversed(self._chain)):
-      if (rows := self.present(mechanism, theta)) is not None:
-        moved = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
-        start[rows] = np.where(by_pose[rows] == mechanism.of_pose, moved, start[rows])
+    for mechanism, rows, values in self._acting(filter(moves_start, reversed(self._chain)), theta):
+      moved = mechanism.begin(values, start[rows], rate[rows])
+      start[rows] = np.where(by_pose[rows] == mechanism.of_pose, moved, start[rows])
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
-    for mechanism in self._chain:
-      if mechanism.stage == "sensor":
-        rows = self.present(mechanism, theta)
-        if rows is not None:
-          track = Track(self.car, self.period, signals[rows], time[rows], own=True)
-          shown = mechanism.measure(theta[rows][:, self._columns[mechanism.name]], track)
-          signals = shown if len(shown) == len(signals) else _with_rows(signals, rows, shown)
+    sensors = (m for m in self._chain if m.stage == "sensor")
+    for mechanism, rows, values in self._acting(sensors, theta):
+      shown = mechanism.measure(values, Track(self.car, self.period, signals[rows], time[rows], own=True))
+      signals = shown if len(shown) == len(signals) else _with_rows(signals, rows, shown)
     return signals
+
+  def _acting(self, mechanisms: Iterable[Mechanism], theta: Array) -> Iterator[tuple[Mechanism, Rows, Array]]:
+    """Those present in cars with parameters (N, P), with their rows and their parameters there, (n, p)."""
+    for mechanism in mechanisms:
+      if (rows := self.present(mechanism, theta)) is not None:
+        yield mechanism, rows, theta[rows][:, self._columns[mechanism.name]]
 
   def present(self, mechanism: Mechanism, theta: Array) -> Rows | None:
     """Rows of theta, (N, P), in which a mechanism differs from its null; None if in none."""

@@ -233,6 +233,8 @@ def _one_source(columns: Columns, guesses: dict[str, Guess]) -> None:
   whole = {stem: names for stem, names in sources.items() if {"pose_x", "pose_y"} <= names.keys()}
   taken = {channel: guesses[channel].column for channel in _POSE if channel in guesses}
   if len(whole) < 2:
+    for names in whole.values():  # the place's own heading, not one of odometry that has no place
+      _own_heading(columns, guesses, names)
     return
   jumps = {stem: _jumps(columns, names) for stem, names in whole.items()}
   own = lambda names: sum(names.get(channel) == column for channel, column in taken.items())
@@ -245,6 +247,16 @@ def _one_source(columns: Columns, guesses: dict[str, Guess]) -> None:
     others = ", ".join(f"'{names[channel]}'" for stem, names in whole.items() if stem != best and channel in names)
     said = f"{1e2 * jumps[best]:.2g} % of its steps are jumps, {1e2 * max(jumps.values()):.2g} % of another's"
     guesses[channel].why.append(f"one of {len(whole)} poses, all from one source (not {others}): {said}")
+
+
+def _own_heading(columns: Columns, guesses: dict[str, Guess], names: Mapping[str, str]) -> None:
+  """Of several headings the one of the only source that has a place, too."""
+  guess, own = guesses.get("pose_yaw"), names.get("pose_yaw")
+  if guess is None or own is None or guess.column == own:
+    return
+  other = guess.column
+  _take(columns, guess, own)
+  guess.why.append(f"from one source with '{names['pose_x']}' (not '{other}')")
 
 
 def _jumps(columns: Columns, names: Mapping[str, str]) -> float:

@@ -193,6 +193,7 @@ class Mechanism:
       zero. Sensors: mount, axes, scale, zero, clock.
     parameters: at least one; each with null, typical and a prior standard deviation or None.
     needs: channels without which it cannot be distinguished ("yaw_rate", ...), or one that is AS_GOOD.
+    replaced_by: recorded channels in whose place what it errs in stands: with one of them it cannot be.
     dissipative: True if it can only take energy out of the car.
     symmetric: True if mirrored commands give mirrored motion under it.
     varies: True if `write_model` must run every control period instead of once.
@@ -229,6 +230,7 @@ class Mechanism:
   link: ClassVar[Link] = "zero"
   parameters: ClassVar[tuple[Parameter, ...]]
   needs: ClassVar[tuple[str, ...]] = ()
+  replaced_by: ClassVar[tuple[str, ...]] = ()
   dissipative: ClassVar[bool] = False
   symmetric: ClassVar[bool] = True
   varies: ClassVar[bool] = False
@@ -291,6 +293,10 @@ class Mechanism:
       rate: how fast they changed there, per s, (N, 7); 0 where nobody knows.
     """
     return start
+
+  def own_share(self, theta: Array) -> Array:
+    """Share, (N,), that the car's own speed has in what the log calls so; the rest is that of its wheels."""
+    return np.zeros(len(theta))
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
     """Standard deviations of amplitudes that any description of a car leaves open, by parameter; 0 for none.

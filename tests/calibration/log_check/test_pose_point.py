@@ -6,11 +6,32 @@ import numpy as np
 import pytest
 
 from calibration.log_check.pose_point import mirrored_findings, pose_point_findings
+from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.recordings.drives import drive
 
 CAR = Vehicle.load()
+MEASURED = (
+  "mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius", "gear_ratio",
+  "max_steering",
+)  # fmt: skip
+DATASET = """
+name = "one"
+[vehicle]
+{numbers}
+[channels]
+time = {{ column = "time" }}
+motor_voltage = {{ column = "motor_voltage" }}
+steering_command = {{ column = "steering_command" }}
+motor_speed = {{ column = "motor_speed" }}
+pose_x = {{ column = "pose_x", {cure} }}
+pose_y = {{ column = "pose_y" }}
+pose_yaw = {{ column = "pose_yaw" }}
+[[recording]]
+file = "run.csv"
+role = "identify"
+"""
 
 
 def driven(ahead, slip=0.0, seconds=80.0):
@@ -34,16 +55,20 @@ def test_a_marker_far_from_the_centre_is_told(ahead, said, slip):
   assert measured == pytest.approx(abs(ahead), abs=0.012)
 
 
-def test_the_cure_followed_as_it_is_written_leaves_nothing_to_say():
+def test_the_cure_followed_as_it_is_written_leaves_nothing_to_say(tmp_path):
   run = driven(0.15)
   (finding,) = pose_point_findings([run], CAR)
-  sign, shift = re.findall(r"([-+]) ([0-9.]+) (?:cos|sin)", finding.text)[0]
-  by = float(sign + shift)
-  yaw = run["pose_yaw"].value
-  moved = {
-    n: Stream(run[n].time, run[n].value + by * part(yaw)) for n, part in (("pose_x", np.cos), ("pose_y", np.sin))
-  }
-  assert pose_point_findings([run.replace(streams={**run.streams, **moved})], CAR) == []
+  (cure,) = re.findall(r"set (ahead = [-0-9.]+) on pose_x in \[channels\]", finding.text)
+  columns = {"time": run["pose_x"].time} | {name: run[name].value for name in run.channels}
+  rows = np.column_stack(list(columns.values()))
+  np.savetxt(tmp_path / "run.csv", rows, "%.9g", ",", header=",".join(columns), comments="")
+  manifest = DATASET.format(cure=cure, numbers="\n".join(f"{name} = {getattr(CAR, name)}" for name in MEASURED))
+  (tmp_path / "dataset.toml").write_text(manifest, encoding="utf-8")
+  (moved,) = DataSet.load(tmp_path).recordings
+  assert pose_point_findings([moved], CAR) == []
+  middle = len(run["pose_x"]) // 2
+  off = np.hypot(*(moved[n].value[middle] - run[n].value[middle] for n in ("pose_x", "pose_y")))
+  assert off == pytest.approx(abs(float(cure.split()[-1])))
 
 
 @pytest.mark.parametrize("ahead", [-0.03, 0.0, 0.03])

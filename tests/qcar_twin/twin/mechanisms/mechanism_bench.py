@@ -135,7 +135,9 @@ def drive(n: int = 5, steps: int = 60, seed: int = 0) -> Drive:
   signals[..., 8] = signals[..., 3] / CAR.wheel_radius / CAR.gear_ratio
   commands = np.stack([1.0 + wander(rng, steps, n, 1.2), wander(rng, steps, n, 0.25)], axis=-1)
   history = np.stack([rng.uniform(20, 200, n), rng.uniform(50, 600, n)], axis=-1)
-  return Drive(signals, commands, history, rng.uniform(0, 20, n))
+  offset = rng.uniform(0, 20, n)
+  signals[..., 8] *= 1.0 + wander(rng, steps, n, 0.05)  # wheels that push slip
+  return Drive(signals, commands, history, offset)
 
 
 def still(n: int = 3, steps: int = 5) -> Drive:

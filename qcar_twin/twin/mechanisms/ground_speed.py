@@ -1,0 +1,47 @@
+"""A logged speed that is the car's own: motion capture, satellites or a fusion gave it, no wheel."""
+
+from collections.abc import Mapping
+
+from qcar_twin.kinematics import rolling_radius
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
+from qcar_twin.twin.mechanisms.elements import replaced
+
+_EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
+
+
+class GroundSpeed(Mechanism):
+  """The speed in the log is the car's own over ground, not that at which its wheels roll.
+
+  Equation: speed = (1 - s) G r_w w + s v_x, with w of the motor; a filter that fuses both lies between.
+  Units: s -: 0 is an encoder, 1 motion capture; w rad/s; v_x m/s, of the centre of gravity, forward.
+  Source: Kelly, Mobile Robotics, 2013, ch. 5 (odometry and its errors): wheels that push slip.
+  Size: stated prior: 0.5 is the middle of the range from 0 to 1. Any is usual, so every model fits all of it, and no
+    diagnosis names it.
+  Confounded with: longitudinal stiffness, encoder_latency, where wheels slip little.
+  """
+
+  name = "ground_speed"
+  subsystem = "sensor"
+  stage = "sensor"
+  link = "axes"
+  needs = ("speed",)
+  replaced_by = ("motor_speed",)
+  fitted_rank = 27
+  whole = ("ground_speed",)
+  parameters = (
+    Parameter(
+      "ground_speed", 0.0, 0.0, 1.0, "-", "s", null=0.0, typical=0.5, description="the log's speed is the car's own"
+    ),
+  )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """Where a speed in a log comes from few descriptions of it say."""
+    return {"ground_speed": _EITHER}
+
+  def own_share(self, theta: Array) -> Array:
+    return theta[:, 0]
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    share, own = theta[:, :1], track.signal("velocity_x") / rolling_radius(track.car)
+    return replaced(track, motor_speed=(1.0 - share) * track.signal("motor_speed") + share * own)
