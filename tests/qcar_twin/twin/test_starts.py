@@ -156,6 +156,19 @@ def test_a_speed_of_the_pose_is_the_car_s_and_its_wheels_turn_faster_by_their_sl
   assert sensed[0, 3] == pytest.approx(1.0, abs=1e-4) and rim is not None and rim[0] == wheels[0]
 
 
+@pytest.mark.parametrize("share", [0.5, 1.0])
+def test_a_speed_that_is_by_a_share_the_car_s_own_begins_there(share):
+  """As logged it is that share of the car's speed and the rest of its wheels', whose slip is what the push needs."""
+  twin = Twin(QCAR, select(["ground_speed"]), threads=1, engine="reduced")
+  theta = twin.parameters.nominal[None].copy()
+  theta[0, twin.parameters.index("ground_speed")] = share
+  start = np.zeros((1, 7))
+  start[0, 3] = 1.0
+  state, wheels = twin._as_measured(theta, SENSED, start, np.zeros((1, 7)), np.array([3.0]))
+  assert wheels is not None and wheels[0] > 1.003 and state[0, 3] < wheels[0] - 0.008
+  assert share * state[0, 3] + (1.0 - share) * wheels[0] == pytest.approx(1.0, abs=1e-4)
+
+
 @pytest.mark.parametrize(("mechanism", "value"), [("encoder_latency", 0.02), ("pose_latency", 0.02)])
 @pytest.mark.parametrize("by_pose", [False, True])
 def test_a_start_is_as_old_as_what_said_it(mechanism, value, by_pose):

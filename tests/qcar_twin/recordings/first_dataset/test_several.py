@@ -100,6 +100,16 @@ def test_a_pose_comes_from_one_source_the_one_that_does_not_jump(tmp_path, bad):
   assert "one of 2 poses, all from one source" in line_of(proposal.text, "pose_x")
 
 
+def test_a_heading_comes_from_the_source_that_has_the_place(tmp_path):
+  """Odometry's yaw says so by its name as well as the localiser's theta does, and is another, which drifts."""
+  time, own = wander(6)
+  columns = {"volts": own["motor_voltage"], "odom_v": own["speed"], "odom_yaw": 0.7 * own["pose_yaw"]}
+  columns |= {"pf_x": own["pose_x"], "pf_y": own["pose_y"], "pf_theta": own["pose_yaw"]}
+  table, proposal = log(tmp_path, time, columns)
+  assert table["channels"]["pose_yaw"]["column"] == "pf_theta"
+  assert "from one source with 'pf_x' (not 'odom_yaw')" in line_of(proposal.text, "pose_yaw")
+
+
 def test_every_line_says_what_its_name_scored_and_the_next_one(tmp_path):
   time, own = wander(7)
   columns = {"volts": own["motor_voltage"], "velocity": own["speed"], "gyro_z": own["yaw_rate"]}
