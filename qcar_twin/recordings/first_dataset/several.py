@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.units import compare
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale, stepped
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
 from qcar_twin.recordings.first_dataset.mount import on_three_axes
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of, unwrap_heading
@@ -114,7 +114,7 @@ def _choose(
   near = [name for name in names if name in known and known[best] - known[name] < _APART]
   if known and len(near) < len(names):
     others = ", ".join(f"'{n}' {heard[n]:.3f}" if n in known else f"'{n}' not at all" for n in names if n != best)
-    _take(columns, guess, near[0] if guess.column not in near else guess.column)
+    _take(columns, guesses, guess, near[0] if guess.column not in near else guess.column)
     guess.why.append(f"other sensors agree with it ({heard[guess.column]:.3f}; {others})")
     names = tuple(near)
   if len(names) < 2:
@@ -130,12 +130,12 @@ def _choose(
     said = ["they differ by noise alone"] if noise else []
     said += ["of three axes, the sensor's own"] if {chosen} == own & {*names} else []
     said += [f"'{name}' spikes in {1e2 * spikes[name]:.2g} % of its samples" for name in names if name not in clean]
-    _take(columns, guess, chosen)
+    _take(columns, guesses, guess, chosen)
     guess.why.append("; ".join([f"of {len(names)} alike ({', '.join(names)}) the nearest to all", *said]))
     return None
   if len(names) > 2 and sum(value > _ALIKE for value in likeness.values()) >= 2:
     chosen = max(names, key=lambda name: likeness[name])
-    _take(columns, guess, chosen)
+    _take(columns, guesses, guess, chosen)
     odd = ", ".join(name for name in names if likeness[name] <= _ALIKE)
     guess.why.append(f"most of {len(names)} that may be it agree; unlike them: {odd}")
     return None
@@ -147,10 +147,12 @@ def _choose(
   return Question(guess.channel, names, f"they differ (correlation {apart:.2f}), and no other channel tells which")
 
 
-def _take(columns: Columns, guess: Guess, name: str) -> None:
+def _take(columns: Columns, guesses: Mapping[str, Guess], guess: Guess, name: str) -> None:
+  """Another column for a guess, read as it is: its own factor, and its own rate."""
   if guess.column != name:
-    guess.column, guess.wrap, guess.why = name, None, []
+    guess.column, guess.wrap, guess.hold, guess.why = name, None, False, []
     scale(columns, guess)
+    hold(columns, {channel: guesses[channel] for channel in ("time", guess.channel) if channel in guesses})
 
 
 def _witnessed(
@@ -241,7 +243,7 @@ def _one_source(columns: Columns, guesses: dict[str, Guess]) -> None:
   best = min(whole, key=lambda stem: (-len(whole[stem]), round(jumps[stem], 4), -own(whole[stem])))
   for channel, name in whole[best].items():
     if channel in guesses:
-      _take(columns, guesses[channel], name)
+      _take(columns, guesses, guesses[channel], name)
     else:
       guesses[channel] = Guess(channel, name, why=["its name says so"])
     others = ", ".join(f"'{names[channel]}'" for stem, names in whole.items() if stem != best and channel in names)
@@ -255,7 +257,7 @@ def _own_heading(columns: Columns, guesses: dict[str, Guess], names: Mapping[str
   if guess is None or own is None or guess.column == own:
     return
   other = guess.column
-  _take(columns, guess, own)
+  _take(columns, guesses, guess, own)
   guess.why.append(f"from one source with '{names['pose_x']}' (not '{other}')")
 
 
