@@ -21,6 +21,20 @@ class CoulombFriction(Effect):
     d.wheel_torque[:, c] -= torque * (2 / np.pi) * np.arctan(d.stage.wheel[:, c] / 0.15)
 
 
+class WheelDrag(Effect):
+  """A brake rubs on one wheel: a torque against it that fades below 1 rad/s; positive on the left."""
+
+  id, subsystem, parameter, typical, unit, signed = "wheel_drag", "drive", "wheel_drag", 0.8, "N", True
+
+  def choose(self, rng: np.random.Generator) -> None:
+    self.wheel = 2 * int(rng.integers(2)) + int(self.value < 0.0)
+
+  def load(self, sim: Simulation) -> None:
+    d, c = sim.dynamics, self.columns
+    torque = abs(self.value) * sim.car.wheel_radius[c]
+    d.wheel_torque[self.wheel, c] -= torque * np.tanh(d.stage.wheel[self.wheel, c])
+
+
 class Stiction(Effect):
   """Grease that sets: a bristle holds the motor till it turns, its hold fading: 1 / (1 + (v / v_s)^2), v_s 0.12 m/s."""
 

@@ -86,6 +86,12 @@ def test_side_force_pushes_a_rolling_car_and_not_a_standing_one():
   assert standing.dynamics.wrench[1, 0] == 0.0
 
 
+def test_a_braked_wheel_turns_the_car_to_its_side():
+  ways = [go(simulation(effect("wheel_drag", s), start=(0, 0, 0, 1.0, 0, 0, 0)), 1.0, 0.0, 0.5) for s in (1.0, -1.0)]
+  left, right = (sim.dynamics.state.yaw_rate[0] for sim in ways)
+  assert left - right > 0.02 and left > 0.005 and right < -0.005
+
+
 @pytest.mark.slow
 def test_battery_sag_takes_its_share_at_stall():
   sim = simulation(effect("battery_sag"))

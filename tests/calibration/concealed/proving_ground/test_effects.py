@@ -14,7 +14,7 @@ tyre_saturation longitudinal_slip wheel_radius_error load_transfer combined_slip
 side_force floor_slope drive_dead_zone drive_lag drive_delay coulomb_friction stiction steering_drag differential_lock
 quadratic_drag battery_sag battery_discharge motor_heating coast_freewheel drive_asymmetry driveline_backlash cogging
 cg_lateral_offset payload imu_misalignment imu_lever_arm gyro_scale accel_bias gyro_bias pose_latency imu_latency
-clock_drift pose_mount steering_saturation drive_chopped""".split()
+clock_drift pose_mount steering_saturation drive_chopped wheel_drag""".split()
 IDS = sorted(EFFECTS)
 POSE_NOISE = {"pose_x": 0.006, "pose_y": 0.006}
 NEEDS_A_WHOLE_SESSION = ("battery_discharge", "clock_drift", "friction_change", "friction_patch", "motor_heating")
@@ -212,7 +212,7 @@ def test_drive_asymmetry_weakens_reverse_only():
 
 
 @pytest.mark.parametrize(
-  "name", ["coulomb_friction", "quadratic_drag", "steering_drag", "yaw_drag", "battery_sag", "stiction"]
+  "name", ["coulomb_friction", "quadratic_drag", "steering_drag", "yaw_drag", "battery_sag", "stiction", "wheel_drag"]
 )
 def test_what_resists_slows_the_car(name):
   slow, fast = (drive(e, 1.2, 0.2, 0.8)[0, -1, 3] for e in (((name, 1.0),), ()))

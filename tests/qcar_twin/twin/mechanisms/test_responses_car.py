@@ -49,11 +49,12 @@ def test_longitudinal_slip_adds_its_share_at_its_drive():
   np.testing.assert_allclose(force / after - force / before, 0.04)
 
 
-def test_combined_slip_takes_side_stiffness_under_drive_or_brake():
+def test_combined_slip_takes_side_force_at_any_slip_angle_under_drive_or_brake():
   arm, driven = CAR.wheel_radius * CAR.gear_ratio, motion()
   driven.commands[..., 0] = 2.0 * CAR.mass * arm / 0.0272  # 2 m/s^2 from a standing motor
-  relative = changed("combined_slip", [0.25], driven)["cornering_stiffness"] / 90.0
-  np.testing.assert_allclose(1.0 + relative, 1.0 / 1.25)
+  lost = changed("combined_slip", [0.25], driven)
+  np.testing.assert_allclose(1.0 + lost["cornering_stiffness"] / 90.0, 1.0 / 1.25)
+  np.testing.assert_allclose(1.0 + lost["friction_coefficient"] / 0.8, 1.0 / 1.25)
   assert changed("combined_slip", [0.25]) == {}
 
 
@@ -95,6 +96,17 @@ def test_side_force_pushes_left_at_its_point_and_not_at_rest():
   push = CATALOGUE["side_force"].wrench(np.array([[0.7, 0.1]]), motion(velocity_x=-2.0).context(0), {})[0]
   np.testing.assert_allclose(push, [0.0, 0.7, 0.07], rtol=1e-3)
   assert not np.any(CATALOGUE["side_force"].wrench(np.array([[0.7, 0.1]]), motion().context(0), {}))
+
+
+def test_a_braked_wheel_holds_back_its_own_side_and_the_other_way_when_it_rolls_backwards():
+  push = lambda size, **moving: CATALOGUE["wheel_drag"].wrench(np.array([[size]]), motion(**moving).context(0), {})[0]
+  lever = 0.5 * CAR.track_width
+  np.testing.assert_allclose(push(0.8, velocity_x=2.0), [-0.8, 0.0, 0.8 * lever], rtol=1e-3)
+  np.testing.assert_allclose(push(-0.8, velocity_x=2.0), [-0.8, 0.0, -0.8 * lever], rtol=1e-3)
+  np.testing.assert_allclose(push(0.8, velocity_x=-2.0), [0.8, 0.0, -0.8 * lever], rtol=1e-3)
+  assert not push(0.8).any()
+  turning_about_it = push(0.8, velocity_x=lever * 2.0, yaw_rate=2.0)  # the left wheel stands
+  np.testing.assert_allclose(turning_about_it, 0.0, atol=1e-12)
 
 
 # Sensors ------------------------------------------------------------------------------------------
