@@ -1,4 +1,4 @@
-"""Speed controller that remembers its error."""
+"""Speed controller that remembers its error, and lets go of the motor at low commands."""
 
 from collections.abc import Mapping
 
@@ -11,6 +11,7 @@ from qcar_twin.twin.mechanisms.elements import STANDSTILL, idle_voltage
 # 1/s, stated priors: with a proportional part that takes T = 0.1 s the loop's damping ratio is 1/2 sqrt(1 / (r T))
 _CRITICAL = 2.5  # a damping ratio of 1, where a search begins
 _LIVELY = 10.0  # of 1/2, two standard deviations
+_EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
 
 
 class SpeedLoopIntegral(Mechanism):
@@ -18,11 +19,15 @@ class SpeedLoopIntegral(Mechanism):
 
   Equation: T = a (u + z) - b w, z' = r (u - (b / a) w), |a z| <= T_max - h |a u - b w|: the proportional part leaves
     the integral that much of the limit. Where the car stands and is commanded to, z goes to (1 - q) z each period. A
-    stretch begins with what the motion of the 0.2 s before took beyond u.
+    stretch begins with what the motion of the 0.2 s before took beyond u. At low commands a share p of T is none and so
+    is as much of z: p = y / (1 + (u / u_0)^4).
   Units: r 1/s, the integral gain over the proportional; h -, 1 where the integral gives way, 0 where it is only
-    limited; q -, 1 where the loop forgets at rest; u, z m/s; w rad/s of the motor; a N m s/m; b N m s/rad; T_max N m.
+    limited; q -, 1 where the loop forgets at rest; y -, 1 where it lets go below u_0, 0 where it brakes; u, u_0, z m/s;
+    w rad/s of the motor; a N m s/m; b N m s/rad; T_max N m.
   Source: Åström and Hägglund, Advanced PID Control, 2006, ch. 3 (integral action, windup; PI control of a first-order
     process, of which the damping ratio is).
+    VESC firmware, speed control (s_pid_min_erpm, 900 by default, which is 0.2 m/s of an F1TENTH: below it older ones
+    let go and later ones brake).
   Size: stated prior: 10 1/s, with which a loop of 0.1 s has a damping ratio of 1/2; a search begins at a ratio of 1.
   Confounded with: less driveline friction, quadratic_drag, drive_lag.
   """
@@ -33,6 +38,7 @@ class SpeedLoopIntegral(Mechanism):
   link = "device"
   drives = ("speed",)
   fitted_rank = 15
+  whole = ("speed_loop_release",)
   parameters = (
     Parameter(
       "speed_loop_integral", 0.0, 0.0, 1.5 * _LIVELY, "1/s", "r", null=0.0, typical=_LIVELY, start=_CRITICAL,
@@ -40,11 +46,16 @@ class SpeedLoopIntegral(Mechanism):
     ),
     Parameter("speed_loop_giving_way", 1.0, 0.0, 1.0, "-", "h", std=0.5, description="gives way at the limit"),
     Parameter("speed_loop_forgetting", 1.0, 0.0, 1.0, "-", "q", std=0.5, description="of it is forgotten at rest"),
+    Parameter(
+      "speed_loop_release", 0.0, 0.0, 1.0, "-", "y", null=0.0, typical=0.5, description="letting go at low commands"
+    ),
+    Parameter("speed_loop_release_below", 0.2, 0.02, 0.8, "m/s", "u_0", description="commands that count as low"),
   )  # fmt: skip
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """A loop is stated without its gains, and rules of either kind are in use: every model fits all three."""
-    return {"speed_loop_integral": 0.5 * _LIVELY, "speed_loop_giving_way": 0.5, "speed_loop_forgetting": 0.5}
+    """A loop is stated without its gains, and rules of either kind are in use: every model fits all of them."""
+    shares = {"speed_loop_giving_way": 0.5, "speed_loop_forgetting": 0.5, "speed_loop_release": _EITHER}
+    return {"speed_loop_integral": 0.5 * _LIVELY} | shares
 
   def initial(self, theta: Array, context: Context) -> State:
     if context.lead is None:
@@ -55,13 +66,16 @@ class SpeedLoopIntegral(Mechanism):
     return {"integral": self._limited(np.nan_to_num(reached), missed, theta, context)}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    missed = command[:, 0] - idle_voltage(context)
-    before = state["integral"]
+    idle = idle_voltage(context)
+    missed, before = command[:, 0] - idle, state["integral"]
+    ratio = np.minimum(np.abs(command[:, 0]) / theta[:, 4], 1e3) ** 2
+    released = theta[:, 3] / (1.0 + ratio * ratio)
     rests = np.exp(-((context.signal("velocity_x") / STANDSTILL) ** 2) - (command[:, 0] / STANDSTILL) ** 2)
     grown = before * (1.0 - theta[:, 2] * rests) + theta[:, 0] * missed * context.period
-    state["integral"] = self._limited(grown, missed, theta, context)
+    state["integral"] = self._limited(grown * (1.0 - released), missed, theta, context)
     acting = command.copy()
     acting[:, 0] += 0.5 * (before + state["integral"])
+    acting[:, 0] += released * (idle - acting[:, 0])
     return acting
 
   def _limited(self, integral: Array, missed: Array, theta: Array, context: Context) -> Array:

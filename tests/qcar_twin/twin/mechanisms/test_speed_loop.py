@@ -88,6 +88,22 @@ def test_a_loop_that_forgets_at_rest_launches_alike_each_time(twin):
   assert apart[0] < 0.02 < apart[1], apart
 
 
+def test_a_loop_that_lets_go_rolls_out_where_it_is_told_to_stand_and_keeps_any_other_speed(twin):
+  """As a driveline's friction slows it, T_c / J of all that moves; a loop that brakes stands within a second."""
+  friction = twin.base["driveline_friction"].nominal
+  command = np.concatenate([np.full(100, 1.0), np.zeros(100)])
+  rolled, braked = (
+    shown(twin, values(twin, speed_loop_release=y, driveline_friction=friction), drive(command, 1.0))
+    for y in (1.0, 0.0)
+  )
+  np.testing.assert_allclose(rolled[:100, SPEED], braked[:100, SPEED], atol=2e-3)
+  slowed = (rolled[110, MOTOR] - rolled[160, MOTOR]) / (50 * PERIOD)
+  base = twin.parameters.named(values(twin))
+  car = dataclasses.replace(CAR, rotor_inertia=base["rotor_inertia"], wheel_inertia=base["wheel_inertia"])
+  assert slowed == pytest.approx(friction / car.drive_inertia, rel=0.1)
+  assert braked[-1, SPEED] < 0.05 < 0.5 < rolled[110, SPEED]
+
+
 def test_a_stretch_goes_on_with_what_the_loop_had_added_up(twin):
   """Begun in mid-launch from the drive before: nearer to the whole drive than a loop that begins empty."""
   command = np.full(200, 1.0)
