@@ -20,7 +20,7 @@ class SpeedLoopIntegral(Mechanism):
   Equation: T = a (u + z) - b w, z' = r (u - (b / a) w), |a z| <= T_max - h |a u - b w|: the proportional part leaves
     the integral that much of the limit. Where the car stands and is commanded to, z goes to (1 - q) z each period. A
     stretch begins with what the motion of the 0.2 s before took beyond u. At low commands a share p of T is none and so
-    is as much of z: p = y / (1 + (u / u_0)^4).
+    is as much of z: p = y / (1 + (u / u_0)^16), nearly a switch.
   Units: r 1/s, the integral gain over the proportional; h -, 1 where the integral gives way, 0 where it is only
     limited; q -, 1 where the loop forgets at rest; y -, 1 where it lets go below u_0, 0 where it brakes; u, u_0, z m/s;
     w rad/s of the motor; a N m s/m; b N m s/rad; T_max N m.
@@ -68,8 +68,7 @@ class SpeedLoopIntegral(Mechanism):
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     idle = idle_voltage(context)
     missed, before = command[:, 0] - idle, state["integral"]
-    ratio = np.minimum(np.abs(command[:, 0]) / theta[:, 4], 1e3) ** 2
-    released = theta[:, 3] / (1.0 + ratio * ratio)
+    released = theta[:, 3] / (1.0 + np.minimum(np.abs(command[:, 0]) / theta[:, 4], 1e3) ** 16)
     rests = np.exp(-((context.signal("velocity_x") / STANDSTILL) ** 2) - (command[:, 0] / STANDSTILL) ** 2)
     grown = before * (1.0 - theta[:, 2] * rests) + theta[:, 0] * missed * context.period
     state["integral"] = self._limited(grown * (1.0 - released), missed, theta, context)
