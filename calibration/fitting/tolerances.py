@@ -75,14 +75,16 @@ def usual_errors(mechanisms: Iterable[Mechanism], observations: Observations | N
 
 
 def _usual(error: SensorError, mechanism: Mechanism, logs: Sequence[Callable[[str], Array | None]]) -> float:
-  """Standard deviation by the median time between two samples of its channel, whose times each log has by name."""
-  if not error.per_period:
+  """Standard deviation by the channel it is logged as and the median time between two of its samples; each log has the
+  times of a channel by name."""
+  if not error.per_period and not error.as_logged:
     return error.std
   names = [name for needed in (*mechanism.needs, "speed") for name in AS_GOOD.get(needed, (needed,))]
-  clocks = [next((t for n in names if (t := times(n)) is not None), np.zeros(0)) for times in logs]
-  steps = np.concatenate([np.zeros(0), *(np.diff(clock) for clock in clocks)])
+  found = [next(((n, t) for n in names if (t := times(n)) is not None), ("", np.zeros(0))) for times in logs]
+  steps = np.concatenate([np.zeros(0), *(np.diff(clock) for _, clock in found)])
   steps = steps[steps > 0.0]  # stretches of one recording lie one after the other
-  return float(np.hypot(error.std, error.per_period * np.median(steps))) if len(steps) else error.std
+  more = max((error.as_logged.get(name, 0.0) for name, _ in found), default=0.0)
+  return float(np.hypot(np.hypot(error.std, more), error.per_period * (np.median(steps) if len(steps) else 0.0)))
 
 
 def _read_at_rest(parameter: Parameter, error: SensorError, recordings: Sequence[Recording]) -> Parameter:

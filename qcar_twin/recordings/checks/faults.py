@@ -72,7 +72,7 @@ def without_stuck(recording: Recording) -> tuple[Recording, Spans, Spans, list[s
   for channel, stuck in _stuck(recording).items():
     stream = recording[channel]
     if channel in _SPEEDS:
-      stuck = [span for span in stuck if _within(stream, span).any() or _moves_unseen(recording, stream, span)]
+      stuck = [span for span in stuck if _turned(stream, span) or _moves_unseen(recording, stream, span)]
     if not stuck or sum(b - a for a, b in stuck) > _MOSTLY * (recording.end - recording.start):
       continue
     if channel in (*_SPEEDS, "yaw_rate"):
@@ -231,6 +231,11 @@ def _within(stream: Stream, span: tuple[float, float]) -> np.ndarray:
   return stream.value[(stream.time >= span[0]) & (stream.time <= span[1])]
 
 
+def _turned(stream: Stream, span: tuple[float, float]) -> bool:
+  """Whether a repeated speed is one of a car that moves: a zero with an offset of its own is one that stands."""
+  return float(np.abs(_within(stream, span)).max()) > _RESTS * float(np.abs(stream.value).max())
+
+
 def _speed_in(recording: Recording, span: tuple[float, float]) -> float:
   """Mean measured speed in a span; infinite for a motor that turns most of the time when only its speed is known, and 0
   when nothing is."""
@@ -243,7 +248,7 @@ def _speed_in(recording: Recording, span: tuple[float, float]) -> float:
 
 def _moves_unseen(recording: Recording, stream: Stream, span: tuple[float, float]) -> bool:
   """Whether the car moves by its pose while its speed is zero: a stuck encoder, or a car that somebody carries."""
-  if _within(stream, span).any() or not {"pose_x", "pose_y"} <= set(recording.channels):
+  if _turned(stream, span) or not {"pose_x", "pose_y"} <= set(recording.channels):
     return False
   x, y = (_within(recording[name], span) for name in ("pose_x", "pose_y"))
   if min(x.size, y.size) < _MIN_SAMPLES:
@@ -274,7 +279,7 @@ def _should_change(recording: Recording, stream: Stream, span: tuple[float, floa
     return False
   command = recording[recording.drive_channel]
   inside = command.at(np.linspace(span[0], span[1], 50))
-  if _within(stream, span).any():
+  if _turned(stream, span):
     much = 0.3 * float(np.ptp(command.value))
     answered = command.at(np.linspace(span[0], max(span[1] - _ANSWERS, span[0]), 50))
     leapt = _leaps_away(stream, span) and float(np.ptp(inside)) > much

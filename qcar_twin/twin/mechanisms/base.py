@@ -171,12 +171,15 @@ class SensorError:
     wander: by how much it may differ between rest and drive, a standard deviation.
     per_period: of an age, what comes on top for each s between two samples, s: a logger that averages over a period or
       counts in it shows what was half a period ago, and one that does not shows what is, which is two deviations.
+    as_logged: what comes on top where it is logged as another channel than that of the sensor itself, a standard
+      deviation by channel.
   """
 
   std: float
   read_at_rest: str = ""
   wander: float = 0.0
   per_period: float = 0.0
+  as_logged: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 class Mechanism:

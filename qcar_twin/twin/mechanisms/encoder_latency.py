@@ -4,6 +4,8 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
 from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
+_FILTER = 0.016  # s: of first order, with a corner of 10 Hz
+
 
 class EncoderLatency(Mechanism):
   """The motor speed shown is the one of a while ago (counts differenced over a window, a filter).
@@ -11,7 +13,8 @@ class EncoderLatency(Mechanism):
   Equation: y(t) = x(t - d) for motor_speed; counts differenced over a window w look like d = w / 2.
   Units: d s; parts of a period are interpolated.
   Source: Brown, Schneider and Mulligan, IEEE Trans. Industrial Electronics 39, 1992 (speed from encoder counts).
-  Size: stated prior: 0.03 s is counts differenced over 0.06 s, by the equation above.
+  Size: stated prior: 0.03 s is counts differenced over 0.06 s, by the equation above. A log's speed may be out of a
+    filter, as of motion capture or a controller: one of first order with a corner of 10 Hz is 1 / (2 pi 10 Hz) late.
   Confounded with: drive_delay where no acceleration was recorded.
   """
 
@@ -21,7 +24,7 @@ class EncoderLatency(Mechanism):
   link = "clock"
   needs = ("speed",)
   signed = True
-  sensor_errors = {"encoder_latency": SensorError(0.003, per_period=0.25)}
+  sensor_errors = {"encoder_latency": SensorError(0.003, per_period=0.25, as_logged={"speed": _FILTER})}
   fitted_rank = 5
   parameters = (
     Parameter("encoder_latency", 0.0, -0.12, 0.15, "s", "d", null=0.0, typical=0.03, description="age of the speed"),
