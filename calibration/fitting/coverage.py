@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.windows import DEFAULT_CUT
+from qcar_twin.kinematics import road_speed
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.time import MIN_SAMPLES
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -30,7 +32,8 @@ _WHOLE = 2.0 * DEFAULT_CUT.length  # s: of a shorter recording a half would not 
 def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
   """Give what goes far outside what is fitted the role "identify", farthest first, until little is left outside.
 
-  It is what the car was commanded while it was driven: drive and steering, sign and all. Recordings
+  It is what the car was commanded while it was driven, drive and steering, sign and all, and how fast it went round:
+  friction that no fitted drive came near is not learnt from commands that were all there one by one. Recordings
   are halved, again where half is too much or too little; short ones change their role whole. Nothing is changed where
   no hold-out recording would be left to judge.
 
@@ -38,14 +41,16 @@ def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
     dataset: recordings with roles.
 
   Returns:
-    the data set with the roles to be used, and a sentence per recording, or part of one, whose role was changed.
+    the data set with the roles to be used, and a sentence per recording, or part of one, whose role was changed, and
+    per hold-out recording that goes outside all the same.
   """
   recordings, notes = list(dataset.recordings), []
   if not dataset.role("holdout") or not dataset.role("identify"):
     return dataset, ()
   least = _DRIVEN * max(float(np.abs(c[:, 0]).max(initial=0.0)) for c in map(_commands, recordings))
+  car = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   while True:
-    driven = [_driven(r, least) for r in recordings]
+    driven = [_driven(r, least, car) for r in recordings]
     ranges = _ranges([d for r, d in zip(recordings, driven, strict=True) if r.role == "identify"])
     judging = [i for i, r in enumerate(recordings) if r.role == "validate" and len(driven[i])]
     outside = {i: int(_beyond(driven[i], ranges).any(axis=1).sum()) for i in judging}
@@ -53,11 +58,14 @@ def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
       break
     i = max(judging, key=outside.__getitem__)
     pieces = _halves(recordings[i])
-    beyond = [_beyond(_driven(p, least), ranges) for p in pieces]
+    beyond = [_beyond(_driven(p, least, car), ranges) for p in pieces]
     taken = max(range(len(pieces)), key=lambda k: int(beyond[k].any(axis=1).sum()))
     notes.append(_sentence(pieces[taken], beyond[taken], ranges))
     pieces[taken] = pieces[taken].replace(role="identify")
     recordings[i : i + 1] = pieces
+  for recording, drive in zip(recordings, driven, strict=True):
+    if recording.role == "holdout" and len(drive) and (away := _beyond(drive, ranges)).any(axis=1).mean() > _OUTSIDE:
+      notes.append(_opened(recording, away, ranges))
   return dataclasses.replace(dataset, recordings=tuple(recordings)), tuple(notes)
 
 
@@ -77,14 +85,24 @@ def _commands(recording: Recording) -> Array:
   return recording.commands(_PERIOD)[1]
 
 
-def _driven(recording: Recording, least: float) -> Array:
-  """Commands while that of the drive exceeds `least`, in its unit, either way, (k, 2)."""
-  commands = _commands(recording)
-  return commands[np.abs(commands[:, 0]) > least]
+def _driven(recording: Recording, least: float, car: Vehicle) -> Array:
+  """Commands while that of the drive exceeds `least`, in its unit, either way, and v r, m/s^2, (k, 3)."""
+  time, commands = recording.commands(_PERIOD)
+  driven = np.column_stack([commands, _going_round(recording, time, car)])
+  return driven[np.abs(commands[:, 0]) > least]
+
+
+def _going_round(recording: Recording, time: Array, car: Vehicle) -> Array:
+  """Speed times yaw rate as both were measured, m/s^2, (T,); 0 where either was not."""
+  speed = next((recording[name] for name in ("motor_speed", "speed") if name in recording), None)
+  if speed is None or "yaw_rate" not in recording:
+    return np.zeros(len(time))
+  along = road_speed(speed.interpolate(time), car) if "motor_speed" in recording else speed.interpolate(time)
+  return np.nan_to_num(along * recording["yaw_rate"].interpolate(time))
 
 
 def _ranges(driven: Sequence[Array]) -> Array | None:
-  """Lower and upper end of what was commanded, (2, 2); None where nothing was driven."""
+  """Lower and upper end of each, (2, 3); None where nothing was driven."""
   together = np.concatenate(driven)
   if not len(together):
     return None
@@ -94,16 +112,30 @@ def _ranges(driven: Sequence[Array]) -> Array | None:
 
 
 def _beyond(driven: Array, ranges: Array | None) -> NDArray[np.bool_]:
-  """Which samples lie outside, by command, (k, 2)."""
+  """Which samples lie outside, in each of what is driven, (k, 3)."""
   return np.zeros(driven.shape, bool) if ranges is None else (driven < ranges[0]) | (driven > ranges[1])
 
 
 def _sentence(piece: Recording, beyond: NDArray[np.bool_], ranges: Array) -> str:
-  k = int(np.argmax(beyond.sum(axis=0)))
-  channel, share = (piece.drive_channel, "steering_command")[k], 100.0 * float(np.mean(beyond[:, k]))
-  outside = f"{ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}".removesuffix(" -")
   return (
-    f"{piece.name} ({piece.start:.1f} s to {piece.end:.1f} s) was fitted although its role is validate: {share:.0f} %"
-    f" of its driving has {channel} outside {outside}, and no"
+    f"{piece.name} ({piece.start:.1f} s to {piece.end:.1f} s) was fitted although its role is validate:"
+    f" {_outside(piece, beyond, ranges)}, and no"
     " recording with the role identify goes there. The rest and the hold-out recordings judge what came of it."
   )
+
+
+def _opened(recording: Recording, beyond: NDArray[np.bool_], ranges: Array | None) -> str:
+  assert ranges is not None  # nothing lies outside of no range
+  return (
+    f"{recording.name} is a hold-out recording and goes where nothing that is fitted goes:"
+    f" {_outside(recording, beyond, ranges)}. Its errors there say how the twin goes on beyond what it learnt."
+  )
+
+
+def _outside(recording: Recording, beyond: NDArray[np.bool_], ranges: Array) -> str:
+  """What of a recording lies outside most, as part of a sentence."""
+  k = int(np.argmax(beyond.sum(axis=0)))
+  what = (recording.drive_channel, "steering_command", "the lateral acceleration")[k]
+  unit = "m/s^2" if k == 2 else CHANNELS[what].unit
+  between = f"{ranges[0, k]:.3g} to {ranges[1, k]:.3g} {unit}".removesuffix(" -")
+  return f"{100.0 * float(np.mean(beyond[:, k])):.0f} % of its driving has {what} outside {between}"

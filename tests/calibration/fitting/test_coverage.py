@@ -91,6 +91,29 @@ def test_a_faster_drive_counts_as_well_as_a_wider_turn():
   assert roles(made)["fast"] == "identify" and "motor_voltage" in notes[0]
 
 
+def circling(name: str, role: str, speed: float) -> Recording:
+  """Both commands change, and never both are large; `speed`: m/s at a yaw rate of 1 rad/s, at a tenth else."""
+  half = TIME < 0.5 * TIME[-1]
+  size = np.where(half, speed, 3.0)
+  rate = np.where(half, 1.0, 0.1)
+  streams = {"motor_voltage": size, "steering_command": 0.3 * rate, "speed": size, "yaw_rate": rate}
+  return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+
+
+def test_going_round_faster_counts_though_each_command_was_there():
+  runs = (circling("slow", "identify", 1.0), circling("fast", "validate", 2.5), circling("end", "holdout", 2.5))
+  made, notes = with_coverage(DataSet("round", runs))
+  assert roles(made) == {"slow": "identify", "fast": "identify", "end": "holdout"}
+  assert len(notes) == 1 and "50 % of its driving has the lateral acceleration outside 0.23 to 1.07 m/s^2" in notes[0]
+
+
+def test_a_hold_out_that_goes_where_nothing_fitted_goes_is_told_and_stays_closed():
+  runs = (circling("slow", "identify", 1.0), circling("as_slow", "validate", 1.0), circling("end", "holdout", 2.5))
+  made, notes = with_coverage(DataSet("round", runs))
+  assert roles(made) == {"slow": "identify", "as_slow": "validate", "end": "holdout"}
+  assert len(notes) == 1 and "end is a hold-out recording and goes where nothing that is fitted goes: 50 %" in notes[0]
+
+
 @pytest.mark.parametrize("role", ["identify", "validate"])
 def test_without_a_hold_out_run_roles_stay_as_they_are(role: str):
   dataset = DataSet("left", (run("left", "identify", 0.3), run("right", "validate", -0.3), run("end", role, 0.1)))
