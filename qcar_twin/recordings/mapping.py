@@ -17,6 +17,7 @@ from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChanne
 from qcar_twin.recordings.row_clock import changed, changes_inside, clock_of, in_time_order
 
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
+_CONSTANT = 1.5  # times the longest usual run: from there one that lasts is nearer to two publications than to one
 _MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
 
 
@@ -106,7 +107,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
     else:
       time, there = clock.stamp, there[clock.first[there]]
     if mapping[channel].hold and not clock.held:
-      there = there[published_samples(value[there], publisher_rows[channel])]
+      there = there[published_samples(value[there], *publisher_rows[channel])]
     sampled = value[there]
     period = turn_of(sampled) if CHANNELS[channel].angle or mapping[channel].wrap else 0.0
     jumps = int(np.sum(np.abs(np.diff(sampled)) > 0.5 * period)) if period else 0
@@ -235,36 +236,39 @@ def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray)
     )
 
 
-def published_samples(value: np.ndarray, usual: int) -> np.ndarray:
+def published_samples(value: np.ndarray, usual: int, longest: int | None = None) -> np.ndarray:
   """Indices of the samples behind values that a slower publisher repeats, (k,).
 
-  A run of equal values is one sample; a run much longer than the publisher's `usual` number of rows is a true constant,
-  published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the changes and the last
-  row.
+  A run of equal values is one sample; a run that is half as long again as the publisher's `longest` usual number of
+  rows is a true constant, published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the
+  changes and the last row. `longest`: `usual` where it is not given, of a publisher that keeps its rate.
   """
   start = np.flatnonzero(changed(value))
   length = np.diff(np.r_[start, value.size])
   if usual == 0:
     return np.unique(np.r_[start, value.size - 1])
-  repeats = np.maximum(np.round(length / usual).astype(int), 1)
+  constant = length >= _CONSTANT * max(usual, longest or 0)
+  repeats = np.where(constant, np.maximum(np.round(length / usual), 1), 1).astype(int)
   within = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
   return np.repeat(start, repeats) + (within * np.repeat(length / repeats, repeats)).astype(int)
 
 
-def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, int]:
-  """How many rows each repeated channel's publisher usually repeats a value: the lower quartile of its run lengths. A
-  channel that changes seldom takes the smallest of those that change often, else its own; 0 when it never changes and
-  nothing is known.
+def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, tuple[int, int]]:
+  """How many rows each repeated channel's publisher usually repeats a value, at least and at most: the quartiles of its
+  run lengths. A channel that changes seldom takes those of the fastest that changes often, else its own; 0 when it
+  never changes and nothing is known.
   """
   lengths = {}
   for channel, value in values.items():
     start = np.flatnonzero(changed(value[~np.isnan(value)]))
     lengths[channel] = np.diff(start)[1:]  # neither the first run nor the last is whole
-  usual = {
-    channel: int(np.percentile(length, 25, method="lower")) for channel, length in lengths.items() if length.size
-  }
+  usual = {}
+  for channel, length in lengths.items():
+    if length.size:
+      least, most = np.percentile(length, [25, 75], method="lower")
+      usual[channel] = (int(least), int(most))
   sure = [usual[channel] for channel, length in lengths.items() if length.size >= _MIN_RUNS]
   return {
-    channel: usual[channel] if length.size >= _MIN_RUNS or (length.size and not sure) else min(sure, default=0)
+    channel: usual[channel] if length.size >= _MIN_RUNS or (length.size and not sure) else min(sure, default=(0, 0))
     for channel, length in lengths.items()
   }

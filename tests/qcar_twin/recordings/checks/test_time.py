@@ -207,6 +207,11 @@ def test_published_samples(value, usual, kept):
   assert published_samples(np.array(value, float), usual).tolist() == kept
 
 
+def test_an_uneven_publisher_s_longer_wait_is_one_sample_and_a_constant_is_not():
+  value = np.array([1, 1, 2, 2, 2, 3, 3, 3, 3, 4, 4, 5, 5, 5, 5, 5, 5], float)
+  assert published_samples(value, 2, 3).tolist() == [0, 2, 5, 9, 11, 13, 15]
+
+
 def test_a_clock_that_was_set_back(tmp_path):
   time, columns = drive()
   time[600:] -= 2.0
