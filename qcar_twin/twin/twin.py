@@ -210,8 +210,8 @@ class Twin:
     per_turn = max(1, rows // len(segments))
     turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
     signals = turns[0] if len(turns) == 1 else np.concatenate(turns)
-    if not np.array_equal(same.reshape(-1), np.arange(len(stepped))):
-      signals = signals[same.reshape(-1)]  # (n, S, T + 1, 10)
+    same = same.reshape(-1)
+    signals = signals if np.array_equal(same, np.arange(len(stepped))) else signals[same]  # (n, S, T + 1, 10)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
     shown = self.sensed(self._in_sessions(theta, segments), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
@@ -292,16 +292,16 @@ class Twin:
   def _begun(self, theta: Array, by_pose: NDArray[np.bool_], start: Array, rate: Array) -> Array:
     """States (N, 7) as they were, given what was said of them and of how fast they change, in place; `by_pose`: by the
     pose, (N, 7), and not by a sensor of their own."""
+    own = self._own(theta, by_pose[:, _ALONG])
     for mechanism, rows, values in self._acting(filter(moves_start, reversed(self._chain)), theta):
-      moved = mechanism.begin(values, start[rows], rate[rows])
-      start[rows] = np.where(by_pose[rows] == mechanism.of_pose, moved, start[rows])
+      moved, held = mechanism.begin(values, start[rows], rate[rows]), own[rows, None] * mechanism.of_wheels
+      start[rows] = np.where(by_pose[rows] == mechanism.of_pose, moved + held * (start[rows] - moved), start[rows])
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
-    sensors = (m for m in self._chain if m.stage == "sensor")
-    for mechanism, rows, values in self._acting(sensors, theta):
+    for mechanism, rows, values in self._acting((m for m in self._chain if m.stage == "sensor"), theta):
       shown = mechanism.measure(values, Track(self.car, self.period, signals[rows], time[rows], own=True))
       signals = shown if len(shown) == len(signals) else _with_rows(signals, rows, shown)
     return signals

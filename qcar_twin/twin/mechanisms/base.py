@@ -223,6 +223,7 @@ class Mechanism:
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
     of_pose: True if what errs is the pose: `begin` is for those states of a start that were read off the pose, and for
       no other; without it, for those that a sensor of their own said.
+    of_wheels: True if what errs is how fast wheels turn: `begin` is for what a measured speed has of theirs.
     fitted_rank: place among the errors that every model fits (`sensor_errors`, `tolerances`), lowest first and by name
       where equal: their order in a fit's vector.
   """
@@ -250,6 +251,7 @@ class Mechanism:
   imitated_by: ClassVar[tuple[str, ...]] = ()
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
   of_pose: ClassVar[bool] = False
+  of_wheels: ClassVar[bool] = False
   fitted_rank: ClassVar[int] = 100
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -33,6 +33,7 @@ class WheelRadiusError(Mechanism):
   link = "mount"
   needs = ("speed", "pose_x")
   signed = True
+  of_wheels = True
   fitted_rank = 1
   parameters = (
     Parameter("wheel_radius_error", 0.0, -0.2, 0.2, "-", "e", null=0.0, typical=0.04, description="relative radius"),

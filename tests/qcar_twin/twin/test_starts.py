@@ -191,6 +191,13 @@ def test_a_wheel_of_another_radius_is_no_error_of_a_pose_s_speed():
   assert twin._begun(theta, SENSED, start.copy(), np.zeros((1, 7)))[0, 3] == pytest.approx(1.02)
 
 
+def test_a_wheel_of_another_radius_is_an_error_of_what_a_speed_has_of_the_wheels():
+  twin = Twin(QCAR, select(["wheel_radius_error", "ground_speed"]), threads=1, engine="reduced")
+  theta = twin.parameters.vector({"wheel_radius_error": 0.02, "ground_speed": 0.75})[None]
+  start = np.full((1, 7), 1.0)
+  assert twin._begun(theta, SENSED, start, np.zeros((1, 7)))[0, 3] == pytest.approx(1.005)
+
+
 def test_a_car_that_stands_starts_at_rest():
   assert not slipping(np.zeros((1, 7)), np.ones(1), VALUES, QCAR).any()
 
