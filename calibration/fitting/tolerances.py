@@ -80,10 +80,10 @@ def _usual(error: SensorError, mechanism: Mechanism, logs: Sequence[Callable[[st
   if not error.per_period and not error.as_logged:
     return error.std
   names = [name for needed in (*mechanism.needs, "speed") for name in AS_GOOD.get(needed, (needed,))]
-  found = [next(((n, t) for n in names if (t := times(n)) is not None), ("", np.zeros(0))) for times in logs]
-  steps = np.concatenate([np.zeros(0), *(np.diff(clock) for _, clock in found)])
+  clocks = [next(((n, t) for n in names if (t := times(n)) is not None), ("", np.zeros(0))) for times in logs]
+  steps = np.concatenate([np.zeros(0), *(np.diff(clock) for _, clock in clocks)])
   steps = steps[steps > 0.0]  # stretches of one recording lie one after the other
-  more = max((error.as_logged.get(name, 0.0) for name, _ in found), default=0.0)
+  more = max((error.as_logged.get(name, 0.0) for name, _ in clocks), default=0.0)
   return float(np.hypot(np.hypot(error.std, more), error.per_period * (np.median(steps) if len(steps) else 0.0)))
 
 
