@@ -26,8 +26,8 @@ class SpeedLoopIntegral(Mechanism):
     w rad/s of the motor; a N m s/m; b N m s/rad; T_max N m.
   Source: Åström and Hägglund, Advanced PID Control, 2006, ch. 3 (integral action, windup; PI control of a first-order
     process, of which the damping ratio is).
-    VESC firmware, speed control (s_pid_min_erpm, 900 by default, which is 0.2 m/s of an F1TENTH: below it older ones
-    let go and later ones brake).
+    VESC firmware, speed control (s_pid_min_erpm, 900 by default, which is 0.2 m/s of an F1TENTH: below it some
+    versions let go and some brake).
   Size: stated prior: 10 1/s, with which a loop of 0.1 s has a damping ratio of 1/2; a search begins at a ratio of 1.
   Confounded with: less driveline friction, quadratic_drag, drive_lag.
   """
