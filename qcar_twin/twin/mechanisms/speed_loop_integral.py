@@ -28,8 +28,8 @@ class SpeedLoopIntegral(Mechanism):
     process, of which the damping ratio is).
     VESC firmware, speed control (s_pid_min_erpm, 900 by default, which is 0.2 m/s of an F1TENTH: below it some
     versions let go and some brake).
-  Size: stated prior: 10 1/s, with which a loop of 0.1 s has a damping ratio of 1/2; a search begins at a ratio of 1. Of y
-    0.5 is the middle of its range.
+  Size: stated prior: 10 1/s, with which a loop of 0.1 s has a damping ratio of 1/2; a search begins at a ratio of 1.
+    Of y 0.5 is the middle of its range.
   Confounded with: less driveline friction, quadratic_drag, drive_lag.
   """
 
