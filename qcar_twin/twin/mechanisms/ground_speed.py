@@ -15,8 +15,7 @@ class GroundSpeed(Mechanism):
 
   Equation: speed = (1 - s) G r_w w + s v_x, with w of the motor; a filter that fuses both lies between.
   Units: s -: 0 is an encoder, 1 motion capture; w rad/s; v_x m/s, of the centre of gravity, forward.
-  Source: Gustafsson, Slip-based tire-road friction estimation, Automatica 33(6), 1997: wheels that push turn faster
-    than the car goes.
+  Source: Gustafsson, Automatica 33(6), 1997 (friction by slip): wheels that push turn faster than the car goes.
   Size: stated prior: 0.5 is the middle of the range from 0 to 1. Any is usual, so every model fits all of it, and no
     diagnosis names it.
   Confounded with: longitudinal stiffness, encoder_latency, where wheels slip little.
