@@ -112,10 +112,10 @@ def with_tolerances(priors: ParameterSet, twin: Twin, recordings: Sequence[Recor
 
 
 def without_channel(mechanism: Mechanism, recordings: Sequence[Recording]) -> bool:
-  """Whether no sensor logged what a mechanism errs in, since another channel stands in its place."""
+  """Whether no sensor logged what a mechanism errs in, since another channel stands in its place, or what shows it."""
   logged = {name for r in recordings for name in r.channels if name not in r.derived}
   instead = {*mechanism.replaced_by}
-  return bool(instead) and (bool(logged & instead) or not logged & {*mechanism.needs})
+  return bool(instead) and (bool(logged & instead) or not {*mechanism.needs} <= logged)
 
 
 def _tolerated(parameter: Parameter, std: float) -> Parameter:

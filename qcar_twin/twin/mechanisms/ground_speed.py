@@ -18,14 +18,15 @@ class GroundSpeed(Mechanism):
   Source: Gustafsson, Automatica 33(6), 1997 (friction by slip): wheels that push turn faster than the car goes.
   Size: stated prior: 0.5 is the middle of the range from 0 to 1. Any is usual, so every model fits all of it, and no
     diagnosis names it.
-  Confounded with: longitudinal stiffness, encoder_latency, where wheels slip little.
+  Confounded with: longitudinal stiffness, encoder_latency, where wheels slip little; the drive where no pose was
+    logged, which is why it is left at none there.
   """
 
   name = "ground_speed"
   subsystem = "sensor"
   stage = "sensor"
   link = "axes"
-  needs = ("speed",)
+  needs = ("speed", "pose_x")
   replaced_by = ("motor_speed",)
   fitted_rank = 27
   whole = ("ground_speed",)

@@ -36,13 +36,14 @@ def test_it_is_a_share_between_the_wheels_and_the_car():
 @pytest.mark.parametrize(
   ("log", "open_"),
   [
-    (logged("speed"), True),
-    (logged("motor_speed"), False),
-    (logged("speed", "motor_speed"), False),
+    (logged("speed", "pose_x", "pose_y"), True),
+    (logged("speed"), False),
+    (logged("motor_speed", "pose_x", "pose_y"), False),
+    (logged("speed", "motor_speed", "pose_x", "pose_y"), False),
     (logged("speed", "pose_x", "pose_y", derived=("speed",)), False),
   ],
 )
-def test_it_is_open_where_a_log_has_a_speed_of_unknown_origin_and_no_encoder(log, open_):
+def test_it_is_open_where_a_log_has_a_speed_of_unknown_origin_a_pose_and_no_encoder(log, open_):
   twin = Twin(QCAR, considered(None, None, "voltage"))
   priors = with_tolerances(ParameterSet(()), twin, [log])
   assert ("ground_speed" in priors) == open_ == (not without_channel(OWN, [log]))
