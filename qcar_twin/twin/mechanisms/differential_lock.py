@@ -8,8 +8,8 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
 
 HALF_LOCK = 0.02  # N m s/rad: damping at which a tight slow turn is half-way to a locked axle
-# degree of locking by 5e-3 N m s/rad: silicone oil of 25 Pa s, as kits of model cars are filled with 5 to 30, between
-# 6 cm^2 of gears and housing, 0.3 mm apart, at 1 cm; grease is thinner
+# stated prior: degree of locking by 5e-3 N m s/rad, silicone oil of 25 Pa s between 6 cm^2 of gears and housing, 0.3 mm
+# apart, at 1 cm
 _OIL = 0.2
 
 

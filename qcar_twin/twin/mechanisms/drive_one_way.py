@@ -7,9 +7,7 @@ import numpy as np
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.engines import controller
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
-from qcar_twin.twin.mechanisms.elements import idle_voltage
-
-_EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
+from qcar_twin.twin.mechanisms.elements import EITHER, idle_voltage
 
 
 class DriveOneWay(Mechanism):
@@ -57,7 +55,7 @@ class DriveOneWay(Mechanism):
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
     """What kind of controller follows a duty few descriptions of a car say."""
-    return {p.name: _EITHER for p in self.parameters}
+    return {p.name: EITHER for p in self.parameters}
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     for name, share in zip(controller.QUANTITIES, theta.T, strict=True):

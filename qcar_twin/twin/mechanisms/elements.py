@@ -15,6 +15,7 @@ from qcar_twin.twin.mechanisms.base import Array, Context, Model, State, Track
 REFERENCE_VOLTAGE = 2.5  # V: highest steady voltage of usual runs; sizes of electrical effects are stated there
 USUAL_VOLTAGE = 1.0  # V: of usual driving; what heat and charge do over a session is stated there
 KINK = 1e-3  # rad, V, ...: half-width over which corners are rounded; far below what any sensor resolves
+EITHER = 1.0 / 3.0  # standard deviation of a share from 0 to 1 that may be anything: all of it is three
 STANDSTILL = 0.05  # m/s: below it a force that needs motion fades out
 
 

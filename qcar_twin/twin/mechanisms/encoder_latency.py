@@ -4,7 +4,7 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
 from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
-_FILTER = 0.016  # s: of first order, with a corner of 10 Hz
+_FILTER = 0.016  # s, stated prior: of first order, with a corner of 10 Hz
 
 
 class EncoderLatency(Mechanism):

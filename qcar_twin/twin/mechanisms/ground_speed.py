@@ -5,9 +5,7 @@ from collections.abc import Mapping
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
-from qcar_twin.twin.mechanisms.elements import replaced
-
-_EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
+from qcar_twin.twin.mechanisms.elements import EITHER, replaced
 
 
 class GroundSpeed(Mechanism):
@@ -38,7 +36,7 @@ class GroundSpeed(Mechanism):
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
     """Where a speed in a log comes from few descriptions of it say."""
-    return {"ground_speed": _EITHER}
+    return {"ground_speed": EITHER}
 
   def own_share(self, theta: Array) -> Array:
     return theta[:, 0]

@@ -6,12 +6,11 @@ import numpy as np
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import STANDSTILL, idle_voltage
+from qcar_twin.twin.mechanisms.elements import EITHER, STANDSTILL, idle_voltage
 
 # 1/s, stated priors: with a proportional part that takes T = 0.1 s the loop's damping ratio is 1/2 sqrt(1 / (r T))
 _CRITICAL = 2.5  # a damping ratio of 1, where a search begins
 _LIVELY = 10.0  # of 1/2, two standard deviations
-_EITHER = 1.0 / 3.0  # any share may be: all of it is three deviations
 
 
 class SpeedLoopIntegral(Mechanism):
@@ -55,7 +54,7 @@ class SpeedLoopIntegral(Mechanism):
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
     """A loop is stated without its gains, and rules of either kind are in use: every model fits all of them."""
-    shares = {"speed_loop_giving_way": 0.5, "speed_loop_forgetting": 0.5, "speed_loop_release": _EITHER}
+    shares = {"speed_loop_giving_way": 0.5, "speed_loop_forgetting": 0.5, "speed_loop_release": EITHER}
     return {"speed_loop_integral": 0.5 * _LIVELY} | shares
 
   def initial(self, theta: Array, context: Context) -> State:
