@@ -8,10 +8,9 @@ REFERENCE_ACCELERATION = 2.0  # m/s^2: the drive at which the loss is stated
 
 
 class CombinedSlip(Mechanism):
-  """Driving and braking take side force away from the tyres, beyond the twin's friction circle.
+  """Driving and braking take side stiffness away from the tyres, beyond the twin's friction circle.
 
-  Equation: F_y = F_y,fitted(alpha) / (1 + e (F_x / (m 2 m/s^2))^2), F_x the motor's force at the wheels: C_y and mu
-    are smaller by that, so that at any slip angle the force is.
+  Equation: C_y = C_y,fitted / (1 + e (F_x / (m 2 m/s^2))^2), F_x the motor's force at the wheels.
   Units: e -, share lost (to first order) at a drive of 2 m/s^2.
   Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.2 (combined slip weighting).
   Size: stated prior: 0.2 is six times what the friction circle takes at 2 m/s^2 and a friction coefficient of 0.8,
@@ -31,5 +30,4 @@ class CombinedSlip(Mechanism):
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     relative = drive_force(context) / (context.car.mass * REFERENCE_ACCELERATION)
     loss = 1.0 + theta[:, 0] * relative * relative
-    for quantity in ("cornering_stiffness", "friction_coefficient"):
-      model.set(quantity, model.get(quantity) / loss[:, None])
+    model.set("cornering_stiffness", model.get("cornering_stiffness") / loss[:, None])
