@@ -53,12 +53,15 @@ class CarDimensions:
   imu_x: float
   imu_y: float
   duty_supply: float  # V that a duty of 1 is; 0 where the drive takes no duty
+  switches: bool  # whether the drive jumps or saturates with its command: it answers to no mean of two
 
   @classmethod
   def of(cls, vehicle: Vehicle) -> "CarDimensions":
     """Of a vehicle, as measured."""
-    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls) if f.name != "duty_supply"}
-    return cls(**measured, duty_supply=vehicle.supply_voltage if vehicle.drive == "duty" else 0.0)
+    drive = {"duty_supply": vehicle.supply_voltage if vehicle.drive == "duty" else 0.0}
+    drive |= {"switches": vehicle.drive in ("duty", "speed")}
+    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls) if f.name not in drive}
+    return cls(**measured, **drive)
 
   @property
   def wheelbase(self) -> float:
@@ -86,6 +89,7 @@ class Context:
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
     max_torque: largest torque of the motor, N m, (n,); inf without a limit.
+    drive_hold: periods, below 2, for which the motor still gets what it got before, (n,).
     before: for `initial` and the first `write_model` alone, commands of the K periods before the segment, (n, K, 2),
       the newest last, for the former as the mechanisms before hold them back; NaN where nobody knows, None where nobody
       knows any.
@@ -105,6 +109,7 @@ class Context:
   torque_per_volt: Array
   motor_damping: Array
   max_torque: Array | float = np.inf
+  drive_hold: Array | float = 0.0
   lead: Array | None = None
   before: Array | None = None
 
@@ -265,7 +270,9 @@ class Mechanism:
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     """Commands that act, (n, 2): V, rad, from those that came in, (n, 2); may change `state`.
 
-    Subsystem "drive" changes the first one alone and subsystem "steering" the second, whatever the other is.
+    A loop that answers to the motor puts into `state["held"]`, (n, 2), what it makes now of the drive's commands of the
+    two periods before, the newer first: for `drive_hold` they act still. Subsystem "drive" changes the first column
+    alone and subsystem "steering" the second, whatever the other is.
     """
     return command
 
