@@ -37,8 +37,8 @@ State = dict[str, Array]
 class CarDimensions:
   """The numbers of the car a mechanism may use.
 
-  They are the measured ones of the vehicle (kg, kg m^2, m, -, rad), not the fitted ones: the same
-  constants in every simulation, so that a mechanism's parameter keeps its meaning during a fit.
+  Measured ones of the vehicle (kg, kg m^2, m, -, rad), not fitted ones: constants of every simulation, so that a
+  mechanism's parameter keeps its meaning during a fit.
   """
 
   mass: float
@@ -58,10 +58,9 @@ class CarDimensions:
   @classmethod
   def of(cls, vehicle: Vehicle) -> "CarDimensions":
     """Of a vehicle, as measured."""
-    drive = {"duty_supply": vehicle.supply_voltage if vehicle.drive == "duty" else 0.0}
-    drive |= {"switches": vehicle.drive in ("duty", "speed")}
-    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls) if f.name not in drive}
-    return cls(**measured, **drive)
+    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls)[:-2]}
+    supply = vehicle.supply_voltage if vehicle.drive == "duty" else 0.0
+    return cls(**measured, duty_supply=supply, switches=vehicle.drive in ("duty", "speed"))
 
   @property
   def wheelbase(self) -> float:
@@ -84,8 +83,7 @@ class Context:
     pose: x, y, yaw a place- or heading-bound effect looks up, (n, 3): measured where known, else simulated.
     wheel_angle: angle the wheels have turned since the start of the recording, rad, (n,): measured where an encoder
       was logged, else simulated since the start of the segment.
-    torque_per_volt: fitted motor torque per volt, N m / V, motor side, (n,); per ampere, or per m/s, where the drive's
-      command is one.
+    torque_per_volt: fitted motor torque per unit of the drive's command, N m / V (A, m/s), motor side, (n,).
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
     max_torque: largest torque of the motor, N m, (n,); inf without a limit.
@@ -193,9 +191,8 @@ class Mechanism:
   Class attributes:
     name: canonical id.
     subsystem: where a report says it belongs.
-    stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as
-      functions of the car's state), force (on the body), contact (quantities of the simulator),
-      sensor (what is logged).
+    stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as functions of the
+      car's state), force (on the body), contact (quantities of the simulator), sensor (what is logged).
     link: its place in the signal chain, which orders the mechanisms of a stage. Commands: arrival (resolution, dead
       time, supply), device (how servo or motor controller reads them), motion (lags), play, geometry (of the linkage),
       zero. Sensors: mount, axes, scale, zero, clock.
@@ -217,12 +214,9 @@ class Mechanism:
     from_threshold: True if it does nothing below a size that the driving decides (a limit that is never reached), so
       that a scan tries it at several.
     curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
-    outlined_by: id of the curve whose shape it is one form of; "" for none. Its hooks go by the present command and
-      speed alone.
-    absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
-      subsystem "drive".
-    whole: amplitudes whose upper bound is where the physics ends, all of what there is to lose, and no end of a search:
-      one that goes there is not stretched.
+    outlined_by: id of the curve that it is one form of; "" for none. Its hooks go by present command and speed alone.
+    absorbed_by_drive: True if recalibration imitates it by parameters of the drive, as it does subsystem "drive".
+    whole: amplitudes whose upper bound is where the physics ends, and no end of a search: none is stretched there.
     imitated_by: ids of mechanisms, of one amplitude each in the same unit, that do together what it does: a search also
       begins where what they have in common is put on it.
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
