@@ -152,8 +152,8 @@ def test_only_a_car_that_is_commanded_a_speed_can_have_it():
 @pytest.mark.parametrize("engine", ["reduced", "mujoco"])
 def test_every_part_of_a_delay_is_one_of_a_loop_at_its_limit(delay, release, engine):
   """A launch with all its torque, a roll-out, another launch: speeds of two delays differ by what the car gains in the
-  time between, and in one step of the simulation. A mean of two commands pulled for whole periods, up to 11 cm/s, and a loop
-  that lets go braked by how much slower the car had become since it was told."""
+  time between, and in one step of the simulation. A mean of two commands pulled for whole periods, up to 11 cm/s, and a
+  loop that lets go braked by how much slower the car had become since it was told."""
   limit, steps = 0.05, 5
   car = dataclasses.replace(CAR, max_torque=limit)
   twin = Twin(car, select(["speed_loop_integral", delay]), substeps=steps, threads=1, engine=engine)
