@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.clock_units import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.first_dataset.names import Reading, readings
-from qcar_twin.recordings.first_dataset.scales.time import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.composed import parts_of_others
 from qcar_twin.recordings.manifest import Mapped

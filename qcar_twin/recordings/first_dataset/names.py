@@ -27,6 +27,8 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "motor_duty": (
     "duty|pwm|throttle|gas|thr !steering|steer|servo|servos",
+    "duty|pwm|throttle|gas|thr command|commands|commanded|cmd|target|desired|setpoint|ref|reference"
+    " !steering|steer|servo|servos",  # a drive's telemetry has a duty, too
     "actuator|actuators motor|motors",
     "esc !voltage|volt|volts|v|current|amps|temp|temperature|rpm|speed|steering|servo",
     "pedal|accelerator !brake|clutch|steering",
