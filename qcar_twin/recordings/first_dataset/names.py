@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.formats.axles import MEAN
+from qcar_twin.recordings.formats.axles import MEAN, NO_SPEEDS, SIDES
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, bracketed, unit_of, words_of
 
 # who measures a place, and what it is called
@@ -161,8 +161,9 @@ def readings(column: str) -> list[Reading]:
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
-    if not met and channel == "speed" and unit is not None and unit[1] == "m/s" and words & {"wheel", "wheels"}:
-      met = [("wheel",)]
+    if not met and channel == "speed" and words & {"wheel", "wheels"}:
+      over_ground = unit is not None and unit[1] == "m/s"
+      met = [("wheel",)] if over_ground or (unit is None and words & SIDES and not words & NO_SPEEDS) else []
     if not met:
       continue
     best = max(met, key=len)
