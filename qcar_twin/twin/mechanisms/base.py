@@ -52,6 +52,7 @@ class CarDimensions:
   max_steering: float
   imu_x: float
   imu_y: float
+  differential: str  # of driven axles: open, locked, unknown
   duty_supply: float  # V that a duty of 1 is; 0 where the drive takes no duty
   switches: bool  # whether the drive jumps or saturates with its command: it answers to no mean of two
 
@@ -73,8 +74,7 @@ class Context:
 
   Attributes:
     car: the car's measured numbers.
-    period: control period, s.
-    time: time since each segment's start, s.
+    period: control period, s.  time: since each segment's start, s.
     signals: state of the car, (n, 10), columns in the order of SIGNALS.
     commands: logged commands of this period before any mechanism, (n, 2): V, rad; A or m/s, rad where the drive's
       command is one; a duty is in volts.

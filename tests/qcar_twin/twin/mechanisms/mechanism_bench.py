@@ -21,6 +21,7 @@ CAR = CarDimensions(
   max_steering=0.5236,
   imu_x=0.02,
   imu_y=0.01,
+  differential="open",
   duty_supply=8.0,
   switches=True,
 )
