@@ -120,8 +120,8 @@ class Shown:
     """Share of the driving that lies outside in any of the three, or in the fourth where that is more."""
     if reach is None or not len(self.driven):
       return 0.0
-    away = ((self.driven < reach.low) | (self.driven > reach.high)).any(axis=1)
-    return max(_share(away), _share(self.told > reach.told))
+    away = (self.driven < reach.low) | (self.driven > reach.high)
+    return max(_share(np.any(away, axis=1)), _share(self.told > reach.told))
 
 
 @dataclass(frozen=True)
