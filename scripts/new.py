@@ -39,7 +39,7 @@ class Config:
 
 def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
-  read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,))))
+  read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,), config.folder)))
   logs = [log for log, _ in read]
   drives = joined([table for _, table in read])
   for table in drives.made:

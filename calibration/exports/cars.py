@@ -60,6 +60,9 @@ class ModelCars:
   def push(self, force: Array, signals: Array) -> None:
     raise TypeError("an export takes no force from outside; leave effects of stage 'force' to the twin")
 
+  def hold(self, rows: Rows, drive: Array) -> None:
+    """Nothing: dead times are in the exported file's own lines of commands."""
+
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     assert self._model is not None
     if self._state is None:

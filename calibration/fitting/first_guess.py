@@ -7,6 +7,7 @@ equation lacks (a turn) shrinks all three. What no regression gives is tried: ty
 other sides of what makes a cost rough.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 
@@ -16,9 +17,10 @@ from scipy.optimize import lsq_linear
 
 from calibration.fitting.likelihood import Problem, flat_weighting
 from calibration.fitting.observations import Observations
+from calibration.fitting.optimiser import prior_cost
 from calibration.fitting.windows import driven
 from qcar_twin.kinematics import motor_speed
-from qcar_twin.parameters import ParameterSet
+from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.parameters import base_parameters, drive_response, drive_values, informed
 from qcar_twin.twin.twin import Twin
@@ -33,6 +35,9 @@ _LINKAGES = (0.0, 1.0)
 _WINDOW = 0.4  # s over which the equation is integrated
 _PERIOD = 0.02  # s
 _LIGHTEST = 0.01  # of the usual inertia over torque, a stated prior: no car has less, and the law damps nothing
+_BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
+_HELD = 0.01  # of a limit, its deviation where it is held
+_TRIED = 8  # values of a limit between none and its bound
 _SHOWN = 3.0  # deviations from nothing, from which a lag of the drive is told
 
 
@@ -75,6 +80,48 @@ def varied_starts(base: ParameterSet, theta: Array) -> list[Array]:
       start[i] = np.clip(value, base.lower[i], base.upper[i])
     out.append(start)
   return out
+
+
+def held_close(base: ParameterSet) -> ParameterSet:
+  """The same with what was weighed and measured held ten times closer, and limits where they act.
+
+  A wheel that slides hard in the wrong twin makes the cost so rough that a fit of everything ends where a false
+  centre of gravity makes up for a false grip, thousands of nats above the minimum. A limit that no longer acts has no
+  slope: one that a poor twin drove there stays there.
+  """
+  measured = {n: dataclasses.replace(base[n], std=0.1 * (base[n].std or 0.0)) for n in _BODY if base[n].std}
+  acting = {
+    p.name: dataclasses.replace(p, nominal=p.start, std=_HELD * p.start, start=None) for p in _limits(base) if p.start
+  }
+  return base.replace(**measured, **acting)
+
+
+def _limits(base: ParameterSet) -> list[Parameter]:
+  """Parameters that do nothing below a size that the driving decides, where a search begins elsewhere than at none."""
+  return [p for p in base if p.start is not None and p.nominal == p.null]
+
+
+def where_limits_act(problem: Problem, base: ParameterSet, theta: Array, worth: float) -> Array | None:
+  """Estimates with limits where they explain most, (p,), all else as it is; None where that gains less than `worth`,
+  nats.
+
+  A limit that is not reached has no slope, and a fit that once left it does not come back: a servo that runs at its
+  highest rate in steps, fitted from a rate that they do not reach, ends as a slow one without a limit.
+  """
+
+  def costs_of(tried: Array) -> Array:
+    residual = problem.fitted_residual(problem.embed(base.names, tried, problem.parameters.nominal))
+    costs = 0.5 * np.sum(residual**2, axis=1) + [prior_cost(one, base) for one in tried]
+    return np.where(np.isfinite(costs), costs, np.inf)
+
+  begun, cost = theta, float(costs_of(theta[None])[0])
+  for p in _limits(base):
+    tried = np.repeat(begun[None], _TRIED, axis=0)
+    tried[:, base.index(p.name)] = np.linspace(p.lower, p.upper, _TRIED + 1)[1:]
+    costs = costs_of(tried)
+    if np.min(costs) < cost - worth:
+      begun, cost = tried[int(np.argmin(costs))], float(np.min(costs))
+  return None if begun is theta else begun
 
 
 def _integrals(recording: Recording, vehicle: Vehicle) -> Array:

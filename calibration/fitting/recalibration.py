@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.first_guess import best_start, varied_starts
+from calibration.fitting.first_guess import best_start, held_close, varied_starts, where_limits_act
 from calibration.fitting.likelihood import NOTICED, Problem, flat_weighting, misled, trusted, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
@@ -31,12 +31,10 @@ Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 
-_BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 _SPAN = 3  # iterations of a rough fit before the worse half of the starts is given up
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
 _LONGEST = 40  # iterations between two corrections: a search ends where its slopes do, not by count
 _AFAR = 4  # rounds of a fit from afar
-_HELD = 0.01  # of a limit, its deviation where it is held
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -88,6 +86,8 @@ def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
   """
   known = _unknown(at.problem)
   near = _fit(at.problem, at.base, at.start, _LONGEST, 0.0, (), known).theta
+  if (acting := where_limits_act(at.problem, at.base, near, _SETTLED)) is not None:
+    near = _fit(at.problem, at.base, acting, _LONGEST, 0.0, (), known).theta
   wider = widened(at.base, near)
   fitted = _likelier(settled(at.problem, at.noise_models, wider, near, at.command_shift, known), progress)
   late = {p.name: p for p, q in zip(widened(at.base, fitted.fit.theta), at.base, strict=True) if p != q}
@@ -282,25 +282,12 @@ def _approach(
   """A rough fit on part of the driving: the problem, predicted minus measured, and the estimates."""
   observations = observe(recordings, twin.vehicle, cut)
   n_train = fitted_count(observations, recordings)
-  start, held = best_start(twin, observations, n_train, base), _held(base)
+  start, held = best_start(twin, observations, n_train, base), held_close(base)
   problem = _weighted(twin, observations, n_train, base, start, floor)
   rough = _halved(problem, held, varied_starts(base, start))
   problem = _weighted(twin, observations, n_train, base, rough, floor)
   rough = _fit(problem, base, rough, 4, 5e-3).theta
   return problem, problem.raw(problem.embed(base.names, rough, twin.parameters.nominal))[0], rough
-
-
-def _held(base: ParameterSet) -> ParameterSet:
-  """The same with what was weighed and measured held ten times closer, and limits where they act.
-
-  A wheel that slides hard in the wrong twin makes the cost so rough that a fit of everything ends where a false
-  centre of gravity makes up for a false grip, thousands of nats above the minimum. A limit that no longer acts has no
-  slope: one that a poor twin drove there stays there.
-  """
-  measured = {n: dataclasses.replace(base[n], std=0.1 * (base[n].std or 0.0)) for n in _BODY if base[n].std}
-  limits = [p for p in base if p.start is not None and p.nominal == p.null]
-  acting = {p.name: dataclasses.replace(p, nominal=p.start, std=_HELD * p.start, start=None) for p in limits if p.start}
-  return base.replace(**measured, **acting)
 
 
 def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Array:

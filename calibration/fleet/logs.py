@@ -53,7 +53,7 @@ def find_logs(folder: Path) -> list[Log]:
   sets = [path.parent for path in sorted(folder.rglob(FILE_NAME)) if not _hidden(path, folder)]
   files: list[Path] = []
   try:
-    files = [log for log in logs_of([folder]) if not any(s == log or s in log.parents for s in sets)]
+    files = [log for log in logs_of([folder], folder) if not any(s == log or s in log.parents for s in sets)]
   except RecordingError:
     if not sets:
       raise

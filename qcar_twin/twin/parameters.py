@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.vehicle.mjcf import rim_mass
+from qcar_twin.vehicle.mjcf import locked_damping, rim_mass
 from qcar_twin.vehicle.tyre import law_parameters, tyre_laws
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -139,11 +139,12 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "rim_mass": rim_mass(vehicle, column["rotor_inertia"], column["wheel_inertia"]),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
     "servo_rate": np.full(size, vehicle.servo_rate),
+    "differential_damping": np.full(size, locked_damping(vehicle.similarity) * (vehicle.differential == "locked")),
   }
   # a law the car's tyres don't follow has its parameters all the same, so that what changes them finds them
   own = {p.name: column.pop(p.name, np.array(p.nominal)) for law in tyre_laws().values() for p in law}
   out |= {name: wheelwise(value) for name, value in own.items()}
-  zeros = ("driveline_damping", "differential_damping", "differential_friction", "gravity_x", "gravity_y", "supply_sag")
+  zeros = ("driveline_damping", "differential_friction", "gravity_x", "gravity_y", "supply_sag")
   zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset", "steering_hold", "drive_hold")
   zeros += ("one_way", "one_way_brake", "one_way_neutral", "one_way_weakness", "braked_at_first")
   return out | column | {name: np.zeros(size) for name in zeros}

@@ -209,6 +209,7 @@ class Simulation:
       torque_per_volt=over(values["torque_per_volt"][slot.rows]),
       motor_damping=over(values["motor_damping"][slot.rows]),
       max_torque=over(values["max_torque"][slot.rows]) if "max_torque" in values else np.inf,
+      drive_hold=over(values["drive_hold"][slot.rows]),
       lead=over(self._lead[slot.rows]),
     )
     came = acting[:, slot.rows].reshape(-1, 2)
@@ -227,6 +228,8 @@ class Simulation:
       context = self._context(slot, logged, known)
       if slot.commands:
         acting[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[slot.rows])
+        if "held" in slot.state:
+          self.engine.hold(slot.rows, slot.state["held"])
       if slot.pushes:
         force = np.zeros((len(logged), 3)) if force is None else force
         force[slot.rows] += slot.mechanism.wrench(slot.theta, context, slot.state)
@@ -258,6 +261,7 @@ class Simulation:
       torque_per_volt=values["torque_per_volt"][rows],
       motor_damping=values["motor_damping"][rows],
       max_torque=values["max_torque"][rows] if "max_torque" in values else np.inf,
+      drive_hold=values["drive_hold"][rows],
       lead=self._lead[rows],
     )
 

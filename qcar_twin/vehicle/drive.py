@@ -19,6 +19,8 @@ from typing import Literal
 Layout = Literal["all-wheel", "rear", "front"]
 DriveKind = Literal["voltage", "duty", "current", "speed", "acceleration"]
 MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")  # of a data sheet or bench
+DIFFERENTIALS = ("open", "locked", "unknown")
+"""How the wheels of a driven axle hold together: hardly, rigidly, or as the recordings show."""
 DRIVEN_AXLES: dict[str, tuple[str, ...]] = {"all-wheel": ("front", "rear"), "rear": ("rear",), "front": ("front",)}
 FRONT_SHARE: dict[str, float] = {"all-wheel": 0.5, "rear": 0.0, "front": 1.0}
 """By layout, of the front wheels in what the encoder on the motor sees."""

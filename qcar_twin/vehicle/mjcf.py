@@ -22,7 +22,7 @@ _TWIN_SENSORS = ("accelerometer", "gyro", "encoder")
 _TWIN_SITES = ("imu", "lidar")
 _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2, of the QCar's class
 _FASTEST_DAMPER = 1.1  # damping of a wheel's travel / its mass x the longest step: what that step, explicit, stands
-_HALF_FREE = 0.1  # N m s/rad, of the QCar's class
+_HALF_FREE, _LOCKED = 0.1, 0.98  # N m s/rad, of the QCar's class
 _ONE_SHAFT = 1e-6  # centre differential below which nothing tells it from a shaft
 FASTEST_SERVO = 1e3  # rad/s, stands for no limit
 
@@ -134,6 +134,11 @@ def centre_damping(freedom: ArrayLike, similarity: Similarity = AS_THE_QCAR) -> 
   share = np.clip(np.asarray(freedom, dtype=np.float64), _ONE_SHAFT, 1.0)
   half_free = _HALF_FREE * similarity.mass * similarity.length**2 / similarity.time
   return half_free * (1.0 - share) / share
+
+
+def locked_damping(similarity: Similarity = AS_THE_QCAR) -> float:
+  """Damping of a locked axle, N m s/rad: at 0.2 rad/s between its wheels tyres hold no more, 0.8 x 6.6 N x 0.033 m."""
+  return _LOCKED * similarity.mass * similarity.length**2 / similarity.time
 
 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:

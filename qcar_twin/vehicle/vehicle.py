@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
-from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layout, motor_figures
+from qcar_twin.vehicle.drive import DIFFERENTIALS, DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layout, motor_figures
 from qcar_twin.vehicle.entries import meant, refuse_misspelt, refuse_unknown, say_left_out
 from qcar_twin.vehicle.similarity import POWERS, Similarity, estimates
 
@@ -35,6 +35,7 @@ class Vehicle:
     gear_ratio: wheel speed / motor speed.  max_steering: mean road-wheel angle at lock, rad.
     imu_x, imu_y: IMU ahead of and left of the CG, m.
     layout: axles the motor turns, "all-wheel", "rear" or "front"; the wheels of another axle roll free.
+    differential: of driven axles, "open", "locked" (a spool) or "unknown"; unsaid of one driven axle it is the last.
     centre_differential: between two driven axles, 0 one shaft, 1 an open differential; see mjcf.centre_damping.
     drive: what the motor is commanded with, one of DRIVES in qcar_twin/vehicle/drive.py.
     supply_voltage: of the battery, V: what a duty of 1 puts on the motor where no battery's voltage was logged, and the
@@ -47,9 +48,8 @@ class Vehicle:
     driveline_friction: Coulomb friction on the motor side, N m.  rotor_inertia: kg m^2, motor side.
     rolling_resistance: rolling drag of a wheel / its static load, as a torque in its joint.
     cornering_stiffness_front, _rear: per axle, N/rad.  longitudinal_stiffness: of four wheels, N per unit slip.
-    tyre_law: one of qcar_twin/vehicle/tyre/laws.
-    friction_coefficient: peak force / load.  tyre_shape, load_exponent, carcass_damping [N s/m per wheel]: see
-      qcar_twin/vehicle/tyre/parameters.py.
+    tyre_law: one of qcar_twin/vehicle/tyre/laws.  friction_coefficient: peak force / load.
+    tyre_shape, load_exponent, carcass_damping [N s/m per wheel]: see qcar_twin/vehicle/tyre/parameters.py.
     relaxation_length, longitudinal_relaxation: distance rolled within which force follows slip across and along, m.
     servo_time_constant: s, lag at low frequencies.  servo_inertia: 1 / (2 zeta)^2, 0 of first order, see
       qcar_twin/twin/engines/servo.py.  servo_rate: highest steering rate, rad/s; inf for none.
@@ -73,6 +73,7 @@ class Vehicle:
   imu_x: float = 0.0
   imu_y: float = 0.0
   layout: Layout = "all-wheel"
+  differential: str = "open"
   centre_differential: float = 0.0
   drive: DriveKind = "voltage"
   supply_voltage: float = 12.0
@@ -239,7 +240,7 @@ class Vehicle:
     max_torque. Entries a vehicle does not have are said and left out.
 
     Args:
-      vehicle: numbers by field name, `name`, `layout`, `drive` and `tyre_law`.
+      vehicle: numbers by field name, `name`, words (`layout`, `drive`, `differential`, `tyre_law`).
       std: standard deviations by field name.
 
     Raises:
@@ -254,6 +255,7 @@ class Vehicle:
   @classmethod
   def _of_table(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None) -> "Vehicle":
     texts: dict[str, Any] = {key: str(vehicle[key]) for key in _WORDS if key in vehicle}
+    texts = {"differential": "open" if texts.get("layout", "all-wheel") == "all-wheel" else "unknown"} | texts
     given = {key: value for key, value in vehicle.items() if key not in ("name", *_WORDS)}
     given, std = motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
     for key in sorted((set(given) | set(std)) - _field_names()):
@@ -277,7 +279,7 @@ _MAY_VANISH = (
   "servo_inertia", "suspension_damping_ratio", "tyre_shape",
 )  # fmt: skip
 _UNLIMITED = ("max_torque", "servo_rate")
-_CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
+_CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES), "differential": DIFFERENTIALS}
 _WORDS = (*_CHOICES, "tyre_law")
 _LOOP_TIME = 0.1  # s, in which a usual speed loop brings a car of the QCar's class to its speed
 _FIERCEST = 0.5 * GRAVITY  # m/s^2, acceleration that a usual limit of the motor's current allows

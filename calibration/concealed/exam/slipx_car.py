@@ -77,7 +77,13 @@ class SlipxCar:
       "cg_height": p.h_cog, "wheel_radius": p.wheel_radius, "motor_constant": p.torque_per_amp * GEAR,
     }  # fmt: skip
     read, std = readings(true, rng)
-    known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": p.steer_max}
+    known = {
+      "layout": "rear",
+      "differential": "open",
+      "drive": "current",
+      "gear_ratio": GEAR,
+      "max_steering": p.steer_max,
+    }
     return read | known | {"supply_voltage": p.pack_nominal_v, "max_current": p.current_max}, std
 
   def drive_line(self) -> tuple[float, float, float]:

@@ -15,6 +15,12 @@ MOVING, _SLOWS = 0.2, 0.1  # of the top speed: from which the car drives, and so
 RESTS = 0.03  # of the usual top speed of the set, below which the car stands
 _ANSWERS = 0.5  # s, within which a car that stands has answered a command; no drive's lag is longer
 LEAST_REST = 2.0  # s at rest that tell a neutral; of driving: a sign
+_HELD = 0.01  # s, of the grid on which held commands are looked at
+_TURN, _TURNS = 0.1, 0.02  # s in which a servo is told a way, and rad from which on that is one
+_EDGE = 1.0  # per cent of the driving that is left out at either end of its range
+_WIDER = 0.1  # of the range, by which it is widened: so far a fit is trusted beyond what it saw
+_DRIVEN = 0.1  # of the largest drive command, below which the car is taken to stand or to coast
+OUTSIDE = 0.1  # share of the judging drives that may lie outside what is fitted
 
 
 @dataclass(frozen=True)
@@ -73,3 +79,79 @@ def runs(mask: np.ndarray) -> list[tuple[int, int, bool]]:
   """First and last row of each run of equal values, and the value."""
   same = Runs.of(mask.astype(float))
   return [(int(a), int(b), bool(v)) for a, b, v in zip(same.first, same.last, same.value, strict=True)]
+
+
+def least_driven(recordings: Sequence[Recording]) -> float:
+  """Command of the drive, in its unit, either way, below which cars of these recordings stand or coast."""
+  commands = [np.abs(recording.commands(_HELD)[1][:, 0]) for recording in recordings]
+  return _DRIVEN * max(float(c.max(initial=0.0)) for c in commands)
+
+
+@dataclass(frozen=True)
+class Shown:
+  """What a recording shows of a car.
+
+  Attributes:
+    driven: command of the drive in its unit, that of the steering, rad, and speed of motor or car times yaw rate, in
+      the speed's unit times rad/s, (k, 3), while the car is driven; sign and all.
+    told: how far the steering's command goes in 0.1 s where it goes anywhere, rad, (m,).
+  """
+
+  driven: np.ndarray
+  told: np.ndarray
+
+  @classmethod
+  def of(cls, recording: Recording, least: float) -> Shown:
+    """While the command of the drive exceeds `least`, in its unit, either way."""
+    time, commands = recording.commands(_HELD)
+    driven = np.column_stack([commands, _going_round(recording, time)])
+    ahead = round(_TURN / _HELD)
+    told = np.abs(commands[ahead:, 1] - commands[:-ahead, 1])
+    return cls(driven[np.abs(commands[:, 0]) > least], told[told > _TURNS])
+
+  def beyond(self, reach: Reach | None) -> np.ndarray:
+    """Share of it that lies outside what others reach: of the three that are driven, and of the fourth, (4,)."""
+    if reach is None:
+      return np.zeros(4)
+    away = (self.driven < reach.low) | (self.driven > reach.high)
+    return np.append(away.mean(axis=0) if len(away) else np.zeros(3), _share(self.told > reach.told))
+
+  def outside(self, reach: Reach | None) -> float:
+    """Share of the driving that lies outside in any of the three, or in the fourth where that is more."""
+    if reach is None or not len(self.driven):
+      return 0.0
+    away = (self.driven < reach.low) | (self.driven > reach.high)
+    return max(_share(np.any(away, axis=1)), _share(self.told > reach.told))
+
+
+@dataclass(frozen=True)
+class Reach:
+  """Between what, (3,), and up to how fast a turn of the steering's command, rad in 0.1 s, recordings show a car."""
+
+  low: np.ndarray
+  high: np.ndarray
+  told: float
+
+  @classmethod
+  def of(cls, shown: Sequence[Shown]) -> Reach | None:
+    """Of several together, and a little more; None where nothing was driven."""
+    driven = np.concatenate([np.zeros((0, 3)), *(s.driven for s in shown)])
+    told = np.concatenate([np.zeros(0), *(s.told for s in shown)])
+    if not len(driven):
+      return None
+    low, high = np.percentile(driven, [_EDGE, 100.0 - _EDGE], axis=0)
+    room = _WIDER * (high - low)
+    fastest = float(np.percentile(told, 100.0 - _EDGE)) if len(told) else _TURNS
+    return cls(low - room, high + room, (1.0 + _WIDER) * fastest)
+
+
+def _share(of: np.ndarray) -> float:
+  return float(np.mean(of)) if len(of) else 0.0
+
+
+def _going_round(recording: Recording, time: np.ndarray) -> np.ndarray:
+  """Speed times yaw rate as both were measured, (T,); 0 where either was not."""
+  speed = next((recording[name] for name in ("motor_speed", "speed") if name in recording), None)
+  if speed is None or "yaw_rate" not in recording:
+    return np.zeros(len(time))
+  return np.nan_to_num(speed.interpolate(time) * recording["yaw_rate"].interpolate(time))

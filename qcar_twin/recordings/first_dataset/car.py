@@ -22,7 +22,7 @@ def of_size(vehicle: Vehicle, wheelbase: float) -> Vehicle:
   """The same car at another wheelbase, m, with its centre of gravity at the same share of it."""
   lengths = {end: getattr(vehicle, end) * wheelbase / vehicle.wheelbase for end in ("cg_to_front", "cg_to_rear")}
   rest = estimates(lengths, {key: getattr(vehicle, key) for key in POWERS})
-  kept = {"name": vehicle.name, "drive": vehicle.drive, "layout": vehicle.layout}
+  kept = {"name": vehicle.name, "drive": vehicle.drive, "layout": vehicle.layout, "differential": vehicle.differential}
   kept |= {key: getattr(vehicle, key) for key in SIZES if key not in POWERS}
   return Vehicle.from_dataset(kept | lengths | rest)
 

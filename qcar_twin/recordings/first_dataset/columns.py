@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.clock_units import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.first_dataset.names import Reading, readings
-from qcar_twin.recordings.first_dataset.scales.time import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.formats import Table
+from qcar_twin.recordings.formats.axles import of_wheels
 from qcar_twin.recordings.formats.composed import parts_of_others
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
@@ -237,7 +238,7 @@ def scale(columns: Columns, guess: Guess) -> None:
     if guess.channel == "motor_speed" and is_electrical(guess.column):
       guess.scale /= _POLE_PAIRS
       guess.why.append(f"of the field, which turns {_POLE_PAIRS:g} times as fast as a motor of 4 poles")
-    if guess.channel == "motor_speed" and "wheel" in words_of(guess.column):
+    if guess.channel == "motor_speed" and of_wheels(guess.column):
       guess.scale /= QCAR.gear_ratio
       guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
   elif guess.channel == "speed_command" and unit is not None and unit[1] == CHANNELS["motor_speed"].unit:

@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.recordings.first_dataset.columns import Guess
+from qcar_twin.recordings.checks.time import turn_of
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -88,6 +89,22 @@ def settle_gyro(guesses: Mapping[str, Guess], recordings: Sequence[Recording]) -
       guesses[name].why.append("counted to the right, as in aircraft: the heading turns the other way along its path")
 
 
+def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Unwrap a heading that jumps by a whole turn, once; one that jumps by 360 is in degrees. No log is read before."""
+  heading = guesses.get("pose_yaw")
+  if heading is None or heading.wrap:
+    return
+  values = np.concatenate(
+    [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
+  )
+  period = turn_of(values[np.isfinite(values)])
+  if period:
+    heading.wrap = True
+    heading.why.append(f"it jumps by turns of {period:.4g}")
+  if period in (180.0, 360.0):
+    heading.scale *= math.pi / 180.0
+
+
 def _turn(guess: Guess, course: Array, heading: Array) -> None:
   """Turn a heading, rad, that goes with the path at an angle to it, as a compass' or a marker's that was put on askew.
   A quarter of a turn has no side, and half a turn none at all: these are left."""
@@ -123,4 +140,4 @@ def contrary(recordings: Sequence[Recording]) -> bool:
   return bool(known.sum() >= _LEAST and np.corrcoef(turned[known], rate[known])[0, 1] < _CONTRARY)
 
 
-__all__ = ["contrary", "courses", "goes_with", "settle_gyro", "settle_heading"]
+__all__ = ["contrary", "courses", "goes_with", "settle_gyro", "settle_heading", "unwrap_heading"]

@@ -116,6 +116,21 @@ def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
   return True
 
 
+def settle_left(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Count an accelerometer's left axis the other way where it runs against speed times yaw rate, and the gyro turns as
+  a heading that goes with its path: its y points to the right. Nothing changes where gravity tells how the IMU lies, or
+  no heading confirms the gyro: then either of the two may have the wrong sign."""
+  if not {"yaw_rate", "accel_y", "pose_yaw"} <= guesses.keys() or lies(columns, guesses):
+    return
+  recordings = recordings_of(columns, guesses)
+  if contrary(recordings) or not goes_with(recordings) or not _correlation(recordings, _going_round) < -ALIKE:
+    return
+  guesses["accel_y"].scale, guesses["accel_y"].offset = -guesses["accel_y"].scale, -guesses["accel_y"].offset
+  guesses["accel_y"].why.append(
+    "it runs against speed x yaw_rate, and the heading turns as the gyro: right is positive"
+  )
+
+
 def lies(columns: Columns, guesses: dict[str, Guess]) -> bool:
   """Whether the log itself shows how the IMU lies."""
   imu = _imu(columns, guesses)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.formats.axles import MEAN
+from qcar_twin.recordings.formats.axles import MEAN, NO_SPEEDS, SIDES
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, bracketed, unit_of, words_of
 
 # who measures a place, and what it is called
@@ -27,6 +27,8 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "motor_duty": (
     "duty|pwm|throttle|gas|thr !steering|steer|servo|servos",
+    "duty|pwm|throttle|gas|thr command|commands|commanded|cmd|target|desired|setpoint|ref|reference"
+    " !steering|steer|servo|servos",  # a drive's telemetry has a duty, too
     "actuator|actuators motor|motors",
     "esc !voltage|volt|volts|v|current|amps|temp|temperature|rpm|speed|steering|servo",
     "pedal|accelerator !brake|clutch|steering",
@@ -159,8 +161,9 @@ def readings(column: str) -> list[Reading]:
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
-    if not met and channel == "speed" and unit is not None and unit[1] == "m/s" and words & {"wheel", "wheels"}:
-      met = [("wheel",)]
+    if not met and channel == "speed" and words & {"wheel", "wheels"}:
+      over_ground = unit is not None and unit[1] == "m/s"
+      met = [("wheel",)] if over_ground or (unit is None and words & SIDES and not words & NO_SPEEDS) else []
     if not met:
       continue
     best = max(met, key=len)

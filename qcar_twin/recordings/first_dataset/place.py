@@ -10,6 +10,7 @@ from pathlib import Path
 from qcar_twin.atomic_io import whole_file
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
+from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
 from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
 from qcar_twin.recordings.formats.dialect import LONGEST_LINE
@@ -36,8 +37,12 @@ class Placed:
   copied: bool
 
 
-def logs_of(paths: Sequence[Path]) -> list[Path]:
-  """The logs that are meant, in natural order: files, bags, and everything readable below other folders.
+def logs_of(paths: Sequence[Path], home: Path | None = None) -> list[Path]:
+  """The logs that are meant, in natural order: files, bags, folders of a table per topic, and everything readable below
+  other folders.
+
+  Args:
+    home: of the data set; a folder that holds logs and is none, whatever they are.
 
   Raises:
     RecordingError: a path that is not there, or a folder without a log.
@@ -46,7 +51,8 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
   for path in paths:
     if not path.exists():
       raise RecordingError(f"{path}: no such file or folder")
-    if path.is_file() or (path / _BAG).is_file():
+    at_home = home is not None and path.resolve() == home.resolve()
+    if path.is_file() or (path / _BAG).is_file() or (not at_home and is_one_recording(path)):
       logs.append(path)
     else:
       logs += _below(path)
@@ -56,12 +62,14 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
 def _below(folder: Path) -> list[Path]:
   known = {suffix for suffix in readers() if suffix not in _PROSE}
   bags = {path.parent for path in folder.rglob(_BAG)}
+  bags |= {path for path in folder.rglob("*") if path.is_dir() and path not in bags and is_one_recording(path)}
   files = [p for p in folder.rglob("*") if p.is_file() and p.suffix.lower() in known and not bags & set(p.parents)]
   seen = [path for path in (*bags, *files) if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
   if not seen:
     others = sorted(path.name for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     raise RecordingError(
-      f"{folder}: holds no log{_instead(others)}; readable are {', '.join(sorted(known))} and ROS 2 bag folders"
+      f"{folder}: holds no log{_instead(others)}; readable are {', '.join(sorted(known))}, ROS 2 bag folders and"
+      " folders of tables, one per topic"
     )
   return seen
 

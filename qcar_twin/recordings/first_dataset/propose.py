@@ -12,7 +12,7 @@ from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive, like_steering
 from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_left, settle_mount, settle_upside_down
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
@@ -24,6 +24,7 @@ from qcar_twin.recordings.first_dataset.scales.speed import (
   settle_letter,
   settle_speed_unit,
 )
+from qcar_twin.recordings.first_dataset.scales.wheels import settle_wheels
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
 from qcar_twin.recordings.first_dataset.unused import said_of
@@ -94,10 +95,11 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
-    unsure += settle_speed_unit(columns, guesses)
+    unsure += settle_wheels(columns, guesses, vehicle) or settle_speed_unit(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
+    settle_left(columns, guesses)
     settle_commanded_unit(columns, guesses)
     unsure += asked_of_speed(guesses, recordings_of(columns, guesses), vehicle, turns_like, wheelbase)
   car = Car(vehicle, known, kind, why, said, turns_like, gearing)

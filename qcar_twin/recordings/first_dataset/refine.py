@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
-from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
-from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading
+from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading, unwrap_heading
 from qcar_twin.recordings.first_dataset.scales.clock import in_time
+from qcar_twin.recordings.first_dataset.scales.sensor import other_axes
 from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -78,9 +78,10 @@ def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[s
     sound = sum(_agrees(recording, vehicle, channel) for recording in recordings)
     if sum(unit[0] == channel for unit in wrong) < sound:
       return  # a few files in another unit than the rest: the loader names them
-    for name in ("pose_x", "pose_y") if channel == "pose_x" else (channel,):
+    others = [n for n in other_axes(guesses, channel) if not any(_agrees(r, vehicle, n) for r in recordings)]
+    for name in ("pose_x", "pose_y") if channel == "pose_x" else (channel, *others):
       guesses[name].scale *= scale
-      guesses[name].why.append(why)
+      guesses[name].why.append(why if name not in others else f"{why}, and this is another axis of its sensor")
 
 
 def _agrees(recording: Recording, vehicle: Mapping[str, float | str], channel: str) -> bool:
@@ -162,22 +163,6 @@ def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   settle_heading(heading, recordings_of(columns, guesses), known or from_north)
   if known:
     settle_gyro(guesses, recordings_of(columns, guesses))
-
-
-def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """Unwrap a heading that jumps by a whole turn, once; one that jumps by 360 is in degrees. No log is read before."""
-  heading = guesses.get("pose_yaw")
-  if heading is None or heading.wrap:
-    return
-  values = np.concatenate(
-    [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
-  )
-  period = turn_of(values[np.isfinite(values)])
-  if period:
-    heading.wrap = True
-    heading.why.append(f"it jumps by turns of {period:.4g}")
-  if period in (180.0, 360.0):
-    heading.scale *= math.pi / 180.0
 
 
 def settle(

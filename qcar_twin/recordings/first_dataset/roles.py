@@ -1,6 +1,8 @@
 """Which recordings are fitted, which choose between models and which are kept for the end: a proposal.
 
-Many files share the roles out in turn, so that every kind of driving has each; few long ones are cut by time.
+Many files share the roles out in turn, so that every kind of driving has each; few long ones are cut by time. One that
+would only judge and goes where no fitted one goes changes places with the one that the others cover best: how a twin
+answers to what it never saw is no measure of it.
 """
 
 import re
@@ -11,6 +13,7 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
+from qcar_twin.recordings.checks.driving import OUTSIDE, Reach, Shown, least_driven
 from qcar_twin.recordings.recording import Recording
 
 _TURNS = ("identify", "identify", "validate", "identify", "holdout")  # of five files of one kind
@@ -60,10 +63,12 @@ def share_out(recordings: Sequence[Recording], drive_steps: str) -> list[Part]:
     groups.setdefault(re.sub(r"\d.*$", "", recording.file), []).append(place)
   roles: dict[int, tuple[str, str]] = {}
   rest = [place for group in groups.values() if len(group) < len(_TURNS) for place in group]
-  for group in [*(g for g in groups.values() if len(g) >= len(_TURNS)), rest]:
+  kinds = [*(g for g in groups.values() if len(g) >= len(_TURNS)), rest]
+  for group in kinds:
     given = _FEW.get(len(group)) or [_TURNS[k % len(_TURNS)] for k in range(len(group))]
     why = f"{len(group)} files take turns" if len(group) > 1 else "the only one of its kind"
     roles |= {place: (role, why) for place, role in zip(sorted(group), given, strict=True)}
+  roles = _covered(recordings, kinds, roles)
   parts = []
   for place, recording in enumerate(recordings):
     manoeuvre, seen = manoeuvre_of(recording, drive_steps)
@@ -72,6 +77,29 @@ def share_out(recordings: Sequence[Recording], drive_steps: str) -> list[Part]:
     else:
       parts.append(Part(recording.file, roles[place][0], None, None, manoeuvre, roles[place][1], seen))
   return parts
+
+
+def _covered(
+  recordings: Sequence[Recording], kinds: Sequence[Sequence[int]], roles: dict[int, tuple[str, str]]
+) -> dict[int, tuple[str, str]]:
+  """The roles, where what is fitted covers what judges as far as it can: hold-out first, each within its kind."""
+  least = least_driven(recordings) if recordings else 0.0
+  shown = {place: Shown.of(recording, least) for place, recording in enumerate(recordings)}
+  for judges in ("holdout", "validate"):
+    for place in [p for p, (role, _) in sorted(roles.items()) if role == judges]:
+
+      def away(one: int, place: int = place) -> float:
+        others = [p for p, (role, _) in roles.items() if role == "identify" and p != one]
+        return shown[one].outside(Reach.of([shown[p] for p in (*others, *({place} - {one}))]))
+
+      kind = next(group for group in kinds if place in group)
+      if away(place) <= OUTSIDE:
+        continue
+      best = min((p for p in kind if roles[p][0] == "identify"), key=away, default=place)
+      if away(best) < away(place):
+        roles[best] = (judges, f"of {len(kind)} files what it does the fitted ones do, too")
+        roles[place] = ("identify", "goes where no other one does")
+  return roles
 
 
 def _cut(recording: Recording, manoeuvre: str, seen: str) -> list[Part]:

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
+from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import on_three_axes
 from qcar_twin.recordings.first_dataset.names import readings
-from qcar_twin.recordings.first_dataset.refine import recordings_of, unwrap_heading
+from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.formats import Table
+from qcar_twin.recordings.formats.axles import MEAN
 from qcar_twin.recordings.unit_names import words_of
 
 Array = NDArray[np.float64]
@@ -126,7 +128,8 @@ def _choose(
     spikes = {name: _spikes(columns.values(name)) for name in names}
     clean = [name for name in names if spikes[name] <= max(min(spikes.values()), _SPIKES)]
     own = on_three_axes(columns) if CHANNELS[guess.channel].device == "imu" else set()
-    chosen = max(clean, key=lambda name: (name in own, round(likeness[name], 3), name == guess.column))
+    whole = lambda name: name.startswith(MEAN)  # of an axle, whose wheels are faster and slower in turns
+    chosen = max(clean, key=lambda name: (name in own, whole(name), round(likeness[name], 3), name == guess.column))
     said = ["they differ by noise alone"] if noise else []
     said += ["of three axes, the sensor's own"] if {chosen} == own & {*names} else []
     said += [f"'{name}' spikes in {1e2 * spikes[name]:.2g} % of its samples" for name in names if name not in clean]

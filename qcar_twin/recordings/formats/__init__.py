@@ -16,6 +16,7 @@ from pathlib import Path
 
 from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.formats.composed import composed
+from qcar_twin.recordings.formats.folder import read_folder, tables_in
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.formats.unsigned import signed
 from qcar_twin.recordings.recording import RecordingError
@@ -53,13 +54,15 @@ def _said(path: Path, _written: int) -> Mapping[str, str]:
 
 
 def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
+  if path.is_dir() and tables_in(path):
+    return lambda folder, name: read_folder(folder, name, _read)
   suffix, known = BAG_FOLDER if path.is_dir() else path.suffix.lower(), readers()
   if suffix in PACKED:
     raise RecordingError(f"{label}: is packed; unpack it first, and name what comes out")
   if suffix not in known:
     raise RecordingError(
-      f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)} and ROS 2 bag folders; "
-      "export it as one of them"
+      f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)}, ROS 2 bag folders and folders of"
+      " tables, one per topic; export it as one of them"
     )
   module, function = known[suffix]
   try:
@@ -70,7 +73,11 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
 
 def read_table(path: Path, label: str | None = None) -> Table:
   """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
-  label = label or path.name
+  return composed(signed(_read(path, label or path.name)))
+
+
+def _read(path: Path, label: str) -> Table:
+  """The same, of the file's own columns alone."""
   try:
     size = _size(path, label)
   except UnreadableFile as error:  # a bag's part that is a link to elsewhere
@@ -93,7 +100,7 @@ def read_table(path: Path, label: str | None = None) -> Table:
     ) from error
   if table.rows == 0:
     raise NoSamples(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
-  return composed(signed(table))
+  return table
 
 
 def read_inside(folder: Path, file: str) -> Table:

@@ -13,12 +13,14 @@ from qcar_twin.recordings.unit_names import words_of
 
 _REAR = (("rl", "rr"), ("lr", "rr"), ("lb", "rb"), ("bl", "br"))  # whose wheels are not steered, first
 _SIDES = (*_REAR, ("left", "right"), ("l", "r"), ("fl", "fr"), ("lf", "rf"))
+SIDES = {"fl", "fr", "rl", "rr", "lf", "rf", "lr", "lb", "rb", "bl", "br"}  # a wheel's place in a name
 _SPEEDS = {"speed", "speeds", "spd", "vel", "velocity", "omega", "rpm", "rps", "wheel", "wheels", "encoder"}
-_OTHER = {
+NO_SPEEDS = {  # words of a wheel's name that say it is something else
   "angle", "steering", "steer", "torque", "current", "pressure", "brake", "temp", "temperature", "slip", "position",
   "pos", "ticks", "tick", "count", "counts", "pulses", "command", "commands", "commanded", "cmd", "target", "desired",
   "setpoint", "ref", "duty", "pwm", "throttle", "load", "force", "voltage",
 }  # fmt: skip
+_WHEELS, _MOTORS = {"wheel", "wheels", "axle", "rear", "front", *SIDES}, {"motor", "motors", "mot", "erpm"}
 MEAN = "mean of "
 
 
@@ -36,10 +38,16 @@ def axle_means(table: Table) -> dict[str, np.ndarray]:
   return {}
 
 
+def of_wheels(name: str) -> bool:
+  """Whether a speed is that of wheels or of an axle by its name, and not the motor's: `wheel_rl`, `rear_rpm`."""
+  words = set(words_of(name))
+  return bool(words & _WHEELS) and not words & _MOTORS
+
+
 def _pair(names: Iterable[str], left: str, right: str) -> tuple[str, str] | None:
   """Two columns of wheels' speeds whose names differ by the side alone; None where there is not one pair."""
   words = {name: words_of(name) for name in names}
-  speeds = {name: w for name, w in words.items() if set(w) & _SPEEDS and not set(w) & _OTHER}
+  speeds = {name: w for name, w in words.items() if set(w) & _SPEEDS and not set(w) & NO_SPEEDS}
   swapped = lambda w: tuple(right if word == left else word for word in w)
   pairs = [
     (a, b) for a, one in speeds.items() if one.count(left) == 1 for b, other in speeds.items() if swapped(one) == other

@@ -124,12 +124,16 @@ def _elements(names: Iterable[str]) -> dict[str, str]:
   return {f"{stem}[{place}]": name for stem, parts in whole.items() for place, name in parts.items()}
 
 
+def of_cells(table: Table) -> dict[str, np.ndarray]:
+  """Columns of numbers, (rows,), from cells that hold more than a number: lists, and numbers with their unit."""
+  return {**_lists(table), **_with_units(table)}
+
+
 def composed(table: Table) -> Table:
   """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, one, in rad, for the
   yaw of every quaternion, those of vectors under names that say their axis, be they in cells of lists, those of
   numbers with their unit, and the mean of an axle's wheels."""
-  cells = {**_lists(table), **_with_units(table)}
-  made = {name: values for name, values in cells.items() if name not in table}
+  made = {name: values for name, values in of_cells(table).items() if name not in table}
   for seconds, (nanoseconds, name) in _stamps(table.columns).items():
     if name not in table and (parts := _numbers(table, (seconds, nanoseconds))) is not None:
       made[name] = parts[0] + 1e-9 * parts[1]

@@ -16,8 +16,8 @@ from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 
 READERS = {".mat": "read_mat"}
-_CONTENT = "qcar_twin.recordings.formats.matlab_content"  # read apart: SciPy's reader comes down on some files
-_OBJECT_CONTENT = "qcar_twin.recordings.formats.matlab_objects"
+_CONTENT = "qcar_twin.recordings.formats.matlab_apart.content"  # SciPy's reader comes down on some files
+_OBJECT_CONTENT = "qcar_twin.recordings.formats.matlab_apart.objects"
 _AS_STRUCTURE = (
   'in MATLAB save each as a structure with time: s = struct("time", speed.Time, "speed", squeeze(speed.Data)); '
   'save("log.mat", "s", "-v7")'

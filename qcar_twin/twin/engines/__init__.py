@@ -54,6 +54,10 @@ class Engine(Protocol):
     """Force on the bodies at their CG until further notice, (N, 3): x, y [N], moment [N m], body frame."""
     ...
 
+  def hold(self, rows: Rows, drive: Array) -> None:
+    """What motors still get for their `drive_hold`: of the drive's commands of the two periods before, (n, 2)."""
+    ...
+
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     """Hold commands (N, 2) for one control period, and write the signals after it; cars that are not running stay."""
     ...

@@ -114,6 +114,9 @@ class MujocoCars:
     self._xfrc[:, self._handles.chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]
     self._xfrc[:, self._handles.chassis, 5] = force[:, 2]
 
+  def hold(self, rows: Rows, drive: Array) -> None:
+    self._driven[0, rows], self._driven[1, rows] = drive.T
+
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     self._ctrl[:] = commands
     self._fields.drive(commands[:, 0])

@@ -37,8 +37,8 @@ State = dict[str, Array]
 class CarDimensions:
   """The numbers of the car a mechanism may use.
 
-  They are the measured ones of the vehicle (kg, kg m^2, m, -, rad), not the fitted ones: the same
-  constants in every simulation, so that a mechanism's parameter keeps its meaning during a fit.
+  Measured ones of the vehicle (kg, kg m^2, m, -, rad), not fitted ones: constants of every simulation, so that a
+  mechanism's parameter keeps its meaning during a fit.
   """
 
   mass: float
@@ -52,13 +52,16 @@ class CarDimensions:
   max_steering: float
   imu_x: float
   imu_y: float
+  differential: str  # of driven axles: open, locked, unknown
   duty_supply: float  # V that a duty of 1 is; 0 where the drive takes no duty
+  switches: bool  # whether the drive jumps or saturates with its command: it answers to no mean of two
 
   @classmethod
   def of(cls, vehicle: Vehicle) -> "CarDimensions":
     """Of a vehicle, as measured."""
-    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls) if f.name != "duty_supply"}
-    return cls(**measured, duty_supply=vehicle.supply_voltage if vehicle.drive == "duty" else 0.0)
+    measured = {f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls)[:-2]}
+    supply = vehicle.supply_voltage if vehicle.drive == "duty" else 0.0
+    return cls(**measured, duty_supply=supply, switches=vehicle.drive in ("duty", "speed"))
 
   @property
   def wheelbase(self) -> float:
@@ -71,8 +74,7 @@ class Context:
 
   Attributes:
     car: the car's measured numbers.
-    period: control period, s.
-    time: time since each segment's start, s.
+    period: control period, s.  time: since each segment's start, s.
     signals: state of the car, (n, 10), columns in the order of SIGNALS.
     commands: logged commands of this period before any mechanism, (n, 2): V, rad; A or m/s, rad where the drive's
       command is one; a duty is in volts.
@@ -81,11 +83,11 @@ class Context:
     pose: x, y, yaw a place- or heading-bound effect looks up, (n, 3): measured where known, else simulated.
     wheel_angle: angle the wheels have turned since the start of the recording, rad, (n,): measured where an encoder
       was logged, else simulated since the start of the segment.
-    torque_per_volt: fitted motor torque per volt, N m / V, motor side, (n,); per ampere, or per m/s, where the drive's
-      command is one.
+    torque_per_volt: fitted motor torque per unit of the drive's command, N m / V (A, m/s), motor side, (n,).
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
     max_torque: largest torque of the motor, N m, (n,); inf without a limit.
+    drive_hold: periods, below 2, for which the motor still gets what it got before, (n,).
     before: for `initial` and the first `write_model` alone, commands of the K periods before the segment, (n, K, 2),
       the newest last, for the former as the mechanisms before hold them back; NaN where nobody knows, None where nobody
       knows any.
@@ -105,6 +107,7 @@ class Context:
   torque_per_volt: Array
   motor_damping: Array
   max_torque: Array | float = np.inf
+  drive_hold: Array | float = 0.0
   lead: Array | None = None
   before: Array | None = None
 
@@ -188,9 +191,8 @@ class Mechanism:
   Class attributes:
     name: canonical id.
     subsystem: where a report says it belongs.
-    stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as
-      functions of the car's state), force (on the body), contact (quantities of the simulator),
-      sensor (what is logged).
+    stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as functions of the
+      car's state), force (on the body), contact (quantities of the simulator), sensor (what is logged).
     link: its place in the signal chain, which orders the mechanisms of a stage. Commands: arrival (resolution, dead
       time, supply), device (how servo or motor controller reads them), motion (lags), play, geometry (of the linkage),
       zero. Sensors: mount, axes, scale, zero, clock.
@@ -212,12 +214,9 @@ class Mechanism:
     from_threshold: True if it does nothing below a size that the driving decides (a limit that is never reached), so
       that a scan tries it at several.
     curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
-    outlined_by: id of the curve whose shape it is one form of; "" for none. Its hooks go by the present command and
-      speed alone.
-    absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
-      subsystem "drive".
-    whole: amplitudes whose upper bound is where the physics ends, all of what there is to lose, and no end of a search:
-      one that goes there is not stretched.
+    outlined_by: id of the curve that it is one form of; "" for none. Its hooks go by present command and speed alone.
+    absorbed_by_drive: True if recalibration imitates it by parameters of the drive, as it does subsystem "drive".
+    whole: amplitudes whose upper bound is where the physics ends, and no end of a search: none is stretched there.
     imitated_by: ids of mechanisms, of one amplitude each in the same unit, that do together what it does: a search also
       begins where what they have in common is put on it.
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
@@ -265,7 +264,9 @@ class Mechanism:
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     """Commands that act, (n, 2): V, rad, from those that came in, (n, 2); may change `state`.
 
-    Subsystem "drive" changes the first one alone and subsystem "steering" the second, whatever the other is.
+    A loop that answers to the motor puts into `state["held"]`, (n, 2), what it makes now of the drive's commands of the
+    two periods before, the newer first: for `drive_hold` they act still. Subsystem "drive" changes the first column
+    alone and subsystem "steering" the second, whatever the other is.
     """
     return command
 

@@ -1,9 +1,11 @@
 """Dead time between the commands, both of them, and the car."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model, State
 from qcar_twin.twin.mechanisms.elements import (
   delay_step,
   drive_line,
@@ -14,13 +16,15 @@ from qcar_twin.twin.mechanisms.elements import (
   whole_delay_line,
 )
 
+_FRAME = 0.02  # s, of a link that carries commands, beside those of pulses that servo and speed controller wait for
+
 
 class CommandDelay(Mechanism):
   """Both commands act a while after they were logged, or all sensors show it so late: a log tells no difference.
 
   Equation: V(t) = u_V(t - d); delta(t) = u_delta(t - d).
-  Units: d s, V V, delta rad. Parts of a period mix two neighbouring voltages, which is the exact mean; a duty is held
-    for them, and the servo still goes to the angle that it was told before.
+  Units: d s, V V, delta rad. Parts of a period mix two neighbouring voltages, which is the exact mean; a duty or a
+    speed is held for them, and the servo still goes to the angle that it was told before.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.04 s is two frames of 20 ms, one that a radio waits and one that servo and speed controller do.
   Confounded with: encoder_latency, imu_latency and pose_latency together, the same in a log; drive_delay together with
@@ -35,7 +39,12 @@ class CommandDelay(Mechanism):
   nonlinear_response = True
   sought_far = True
   imitated_by = ("encoder_latency", "imu_latency", "pose_latency")
+  fitted_rank = 28
   parameters = (Parameter("command_delay", 0.0, 0.0, 0.3, "s", "d", null=0.0, typical=0.04, description="dead time"),)
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """Few logs say when a command left, whether by a loop's own clock or a network: a frame is three deviations."""
+    return {"command_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
     delay, period, longest = theta[:, 0], context.period, self.parameters[0].upper

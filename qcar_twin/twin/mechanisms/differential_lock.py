@@ -6,7 +6,9 @@ import numpy as np
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
+from qcar_twin.twin.mechanisms.elements import EITHER
 
+LOCKED = 0.98  # degree at which 0.2 rad/s apart take all that tyres hold: a locked axle
 HALF_LOCK = 0.02  # N m s/rad: damping at which a tight slow turn is half-way to a locked axle
 # stated prior: degree of locking by 5e-3 N m s/rad, silicone oil of 25 Pa s between 6 cm^2 of gears and housing, 0.3 mm
 # apart, at 1 cm
@@ -32,16 +34,18 @@ class DifferentialLock(Mechanism):
   stage = "contact"
   dissipative = True
   fitted_rank = 21
+  whole = ("differential_lock",)
   parameters = (
-    Parameter("differential_lock", 0.0, 0.0, 0.98, "-", "x", null=0.0, typical=0.4, description="degree of locking"),
+    Parameter("differential_lock", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.4, description="degree of locking"),
     Parameter("differential_preload", 0.0, 0.0, 0.5, "N m", "T", null=0.0, typical=0.02, description="constant torque"),
   )
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """Open differentials run in grease or in oil: what a full housing of a stiff one holds is three deviations."""
-    return {"differential_lock": _OIL / 3.0}
+    """Open differentials run in grease or in oil: what a full housing of a stiff one holds is three deviations. Whether
+    an axle is locked, few descriptions of cars with one driven axle say: the recordings tell."""
+    return {"differential_lock": {"open": _OIL / 3.0, "unknown": EITHER}.get(car.differential, 0.0)}
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
-    degree = np.minimum(theta[:, 0], 0.999)
+    degree = np.minimum(theta[:, 0], LOCKED)
     model.set("differential_damping", model.get("differential_damping") + HALF_LOCK * degree / (1.0 - degree))
     model.set("differential_friction", model.get("differential_friction") + theta[:, 1])

@@ -15,7 +15,7 @@ class DriveDelay(Mechanism):
   """The motor gets the voltage that was commanded a while ago.
 
   Equation: V(t) = u(t - d).
-  Units: d s. Parts of a period mix two neighbouring voltages, which is the exact mean; a duty is held for them.
+  Units: d s. Parts of a period mix two neighbouring voltages, which is the exact mean; a duty or speed is held.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.035 s is a frame of 20 ms, in which pulses for speed controllers come, and one and a half
     control periods of 10 ms.

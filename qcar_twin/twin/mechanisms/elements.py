@@ -171,18 +171,19 @@ def whole_delay_line(
 
 
 def drive_line(delay: Array, longest: float, context: Context) -> State:
-  """The line of a drive's commands: by whole periods alone where a speed controller answers to a duty.
+  """The line of a drive's commands: by whole periods alone where a speed controller answers to a duty or a speed.
 
-  It switches with the command: a mean of two is a command that it was never given, which may neither drive nor brake.
+  It switches with a duty: a mean of two is one that it was never given, which may neither drive nor brake. A loop of
+  speed pulls with all it has at a part of a step as at the whole: a mean would act for the whole period.
   """
-  line = whole_delay_line if context.car.duty_supply > 0.0 else delay_line
+  line = whole_delay_line if context.car.switches else delay_line
   now, past = context.commands[:, 0], told(context.before, 0)
   return line(delay, context.period, longest, now, backdrop(context), past)
 
 
 def hold_drive(model: Model, delay: Array, context: Context) -> None:
   """What `drive_line` leaves of a delay, by the motor."""
-  if context.car.duty_supply > 0.0:
+  if context.car.switches:
     model.set("drive_hold", model.get("drive_hold") + left_of_period(delay, context.period))
 
 

@@ -58,26 +58,43 @@ class SpeedLoopIntegral(Mechanism):
     return {"speed_loop_integral": 0.5 * _LIVELY} | shares
 
   def initial(self, theta: Array, context: Context) -> State:
+    told = {"told": np.full((len(theta), 2), np.nan), "held": np.full((len(theta), 2), np.nan)}
     if context.lead is None:
-      return {"integral": np.zeros(len(theta))}
+      return told | {"integral": np.zeros(len(theta))}
     command, motor_speed, taken, when = context.lead.T
     missed = command - context.motor_damping / context.torque_per_volt * motor_speed
     reached = taken - command - theta[:, 0] * missed * when
-    return {"integral": self._limited(np.nan_to_num(reached), missed, theta, context)}
+    return told | {"integral": self._limited(np.nan_to_num(reached), missed, theta, context)}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     idle = idle_voltage(context)
-    missed, before = command[:, 0] - idle, state["integral"]
-    released = theta[:, 3] / (1.0 + np.minimum(np.abs(command[:, 0]) / theta[:, 4], 1e3) ** 16)
-    rests = np.exp(-((context.signal("velocity_x") / STANDSTILL) ** 2) - (command[:, 0] / STANDSTILL) ** 2)
+    told = np.column_stack([command[:, 0], state["told"]])  # now and in the two periods before
+    told = np.where(np.isnan(told), command[:, :1], told)
+    got, before = _mean_of_held(told, context), state["integral"]
+    missed = got - idle
+    rests = np.exp(-((context.signal("velocity_x") / STANDSTILL) ** 2) - (got / STANDSTILL) ** 2)
     grown = before * (1.0 - theta[:, 2] * rests) + theta[:, 0] * missed * context.period
-    state["integral"] = self._limited(grown * (1.0 - released), missed, theta, context)
+    state["integral"] = self._limited(grown * (1.0 - _released(got, theta)), missed, theta, context)
+    asked = told + 0.5 * (before + state["integral"])[:, None]
+    asked += _released(told.T, theta).T * (idle[:, None] - asked)
+    state["told"], state["held"] = told[:, :2], asked[:, 1:]
     acting = command.copy()
-    acting[:, 0] += 0.5 * (before + state["integral"])
-    acting[:, 0] += released * (idle - acting[:, 0])
+    acting[:, 0] = asked[:, 0]
     return acting
 
   def _limited(self, integral: Array, missed: Array, theta: Array, context: Context) -> Array:
     """What is left of the integral, m/s, where the motor's limit is near; `missed` of the speed, m/s."""
     room = np.maximum(context.max_torque / context.torque_per_volt - theta[:, 1] * np.abs(np.nan_to_num(missed)), 0.0)
     return np.clip(integral, -room, room)
+
+
+def _released(command: Array, theta: Array) -> Array:
+  """Share of the torque that is none at a command, m/s, (..., n)."""
+  return theta[:, 3] / (1.0 + np.minimum(np.abs(command) / theta[:, 4], 1e3) ** 16)
+
+
+def _mean_of_held(told: Array, context: Context) -> Array:
+  """Mean over the period of what a loop is told, m/s, (n,): for a part of it still what it was told before, (n, 3)."""
+  hold = context.drive_hold
+  older, newest = np.clip(hold - 1.0, 0.0, 1.0), np.clip(1.0 - hold, 0.0, 1.0)
+  return newest * told[:, 0] + (1.0 - older - newest) * told[:, 1] + older * told[:, 2]

@@ -132,3 +132,18 @@ def test_designed_sessions_fit_everything_they_judge_by():
     dataset = DataSet(design, session.recordings, session.vehicle, session.vehicle_std)
     made, notes = with_coverage(dataset)
     assert roles(made) == roles(dataset) and not notes, design
+
+
+def test_a_hold_out_that_is_told_to_steer_faster_than_anything_fitted_is_told_of():
+  slalom, steps = 0.3 * np.sin(2.0 * TIME), 0.3 * np.sign(np.sin(2.0 * TIME))
+
+  def told(name: str, role: str, steering: np.ndarray) -> Recording:
+    streams = {"motor_voltage": np.full(TIME.size, 1.5), "steering_command": steering, "speed": np.ones(TIME.size)}
+    return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+
+  made, notes = with_coverage(DataSet("steps", (told("slow", "identify", slalom), told("end", "holdout", steps))))
+  assert roles(made)["end"] == "holdout" and len(notes) == 1
+  assert "100 % of the turns of its steering_command go farther than 0.0659 rad in 0.1 s" in notes[0]
+  runs = (told("slow", "identify", slalom), told("steps", "validate", steps), told("end", "holdout", steps))
+  made, notes = with_coverage(DataSet("steps", runs))
+  assert roles(made) == {"slow": "identify", "steps": "identify", "end": "holdout"} and len(notes) == 1

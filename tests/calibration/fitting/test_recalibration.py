@@ -4,7 +4,8 @@ import pytest
 
 from calibration.concealed.proving_ground import make_session
 from calibration.fitting.dataset_recalibration import starting_priors
-from calibration.fitting.recalibration import _held, begun, recalibrate
+from calibration.fitting.first_guess import held_close
+from calibration.fitting.recalibration import begun, recalibrate
 from calibration.fitting.tolerances import sensor_error_mechanisms, with_tolerances
 from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.twin import Twin
@@ -37,8 +38,8 @@ def test_a_rough_fit_holds_a_limit_where_it_acts_and_a_later_one_does_not():
   vehicle = Vehicle.load()
   twin = Twin(vehicle, [catalogue()["steering_rate_limit"]], engine="reduced")
   base = with_tolerances(twin.base, twin)
-  held, free = _held(base)["steering_inverse_rate"], base["steering_inverse_rate"]
+  held, free = held_close(base)["steering_inverse_rate"], base["steering_inverse_rate"]
   assert held.nominal == free.start and held.std == pytest.approx(0.01 * free.start)
   assert free.nominal == free.null == 0.0 and (held.lower, held.upper) == (free.lower, free.upper)
   same = set(base.names) - {"steering_inverse_rate", "mass", "yaw_inertia", "cg_to_front", "cg_height_offset"}
-  assert all(_held(base)[name] == base[name] for name in same)
+  assert all(held_close(base)[name] == base[name] for name in same)

@@ -64,7 +64,13 @@ class CommonroadCar:
       "suspension_frequency": bounce, "suspension_damping_ratio": damping,
     }  # fmt: skip
     read, std = readings(true, rng)
-    known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": p.steering.max}
+    known = {
+      "layout": "rear",
+      "differential": "open",
+      "drive": "current",
+      "gear_ratio": GEAR,
+      "max_steering": p.steering.max,
+    }
     known |= {"ackermann_fraction": 0.0, "max_current": self.drive_limit}
     return read | known, std | {"ackermann_fraction": PARALLEL_STD}
 

@@ -64,7 +64,7 @@ class ExudynCar:
       "motor_constant": n.per_ampere * GEAR, "suspension_frequency": bounce, "suspension_damping_ratio": damping,
     }  # fmt: skip
     read, std = readings(true, rng)
-    known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": n.travel}
+    known = {"layout": "rear", "differential": "open", "drive": "current", "gear_ratio": GEAR, "max_steering": n.travel}
     return read | known | {"max_current": self.drive_limit}, std
 
   def drive_line(self) -> tuple[float, float, float]:

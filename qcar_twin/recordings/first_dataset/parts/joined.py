@@ -70,19 +70,27 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   of them: in none alone, or in files of different columns, where one of the two may have names that nobody knows. Files
   of the same columns are drives of their own.
   """
+  return topics_of_one_drive(tables, [Columns((table,)) for table in tables]) if len(tables) > 1 else None
+
+
+def topics_of_one_drive(tables: Sequence[Table], each: Sequence[Columns], topics: bool = False) -> Table | None:
+  """The same of files whose columns are known, one by one.
+
+  Args:
+    topics: whether the files' names say that they are topics of one run, as where the next run's are called alike.
+  """
   groups: list[Clocked] = []
-  each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
   apart = _of_different_names(each)
-  for table, columns in zip(tables, each, strict=False):
-    guesses = guess_columns(columns)
+  guessed = [guess_columns(columns) for columns in each]
+  for table, columns, guesses in zip(tables, each, guessed, strict=True):
     whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
-    if "time" not in guesses or (whole_drive and not apart):
+    if "time" not in guesses or (whole_drive and not apart and _logged_again(columns, each)):
       return None
     groups.append(_clocked(columns, guesses["time"], Path(table.label).stem))
   if not groups or any(not group.time.size for group in groups):
     return None
   dated = all(group.time[0] > _DATE for group in groups)  # no two drives of a car are at one time
-  if not (apart or dated or _topics_of_one_log(tables, each)):
+  if not (apart or dated or topics or _topics_of_one_log(tables, each)):
     return None
   shared = min(g.time[-1] for g in groups) - max(g.time[0] for g in groups)
   if shared < _TOGETHER * max(g.time[-1] - g.time[0] for g in groups):
@@ -93,7 +101,7 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
     return None
   guesses = guess_columns(Columns((whole,)))
   known = [_has(guesses, channels) for channels in (_COMMANDS, _MOTION)]
-  return whole if all(known) or ((apart or dated) and any(known)) else None
+  return whole if all(known) or ((apart or dated or topics) and any(known)) else None
 
 
 def as_csv(table: Table) -> str:
@@ -126,6 +134,14 @@ def _of_different_names(each: Sequence[Columns]) -> bool:
   own = [{name for name in columns.names if not columns.rises(name) and not _tells_time(name)} for columns in each]
   pairs = ((one, other) for k, one in enumerate(own) for other in own[:k])
   return all(len(one & other) < _ALIKE * min(len(one), len(other)) for one, other in pairs)
+
+
+def _logged_again(columns: Columns, each: Sequence[Columns]) -> bool:
+  """Whether another file has half of these columns and more: of a drive's telemetry, which has a command and its
+  answer, there is one."""
+  names = {name for name in columns.names if not columns.rises(name) and not _tells_time(name)}
+  others = ({*other.names} for other in each if other is not columns)
+  return any(len(names & other) >= _ALIKE * min(len(names), len(other)) for other in others)
 
 
 def _topics_of_one_log(tables: Sequence[Table], each: Sequence[Columns]) -> bool:

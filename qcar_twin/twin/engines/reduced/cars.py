@@ -198,6 +198,10 @@ class ReducedCars:
   def push(self, force: Array, signals: Array) -> None:
     self._force = np.ascontiguousarray(force)
 
+  def hold(self, rows: Rows, drive: Array) -> None:
+    for name, told in zip(("DRIVEN", "DRIVEN_BEFORE"), drive.T, strict=True):
+      self.state[layout.STATE_ROW[name], : self._size][rows] = told
+
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     commands = np.ascontiguousarray(commands)
     if running is not self._running:

@@ -250,3 +250,22 @@ def test_a_word_in_a_sensors_column_leaves_it_one_and_is_named_when_the_log_is_r
   assert table["channels"]["speed"]["column"] == "speed" and "mode" not in str(table["channels"])
   with pytest.raises(RecordingError, match="column 'speed' has 'ERR' in row 401, .*leave the cell blank"):
     DataSet.load(tmp_path)
+
+
+def test_what_goes_where_no_other_goes_is_fitted_and_a_like_of_the_others_judges():
+  time = np.arange(0.0, 12.0, 0.01)
+
+  def driven(k: int, steering: np.ndarray) -> Recording:
+    columns = {"motor_voltage": np.full(time.size, 2.0), "steering_command": steering, "speed": np.ones(time.size)}
+    return Recording.from_columns(f"run_{k}", time, columns, file=f"run_{k}.csv")
+
+  slalom, steps = 0.3 * np.sin(2.0 * time), 0.3 * np.sign(np.sin(2.0 * time))
+  smooth = [slalom, slalom, slalom, slalom]
+  judges = lambda made: {part.role: part.file for part in share_out(made, "") if part.role != "identify"}
+  alike = judges([driven(k, s) for k, s in enumerate(smooth)])
+  assert alike == {"validate": "run_2.csv", "holdout": "run_3.csv"}
+  for at in (2, 3):  # the only one in which the servo's rate shows
+    made = [driven(k, steps if k == at else s) for k, s in enumerate(smooth)]
+    assert f"run_{at}.csv" not in judges(made).values() and len(judges(made)) == 2
+  wide = judges([driven(k, 2.0 * s if k == 3 else s) for k, s in enumerate(smooth)])
+  assert wide["holdout"] != "run_3.csv"

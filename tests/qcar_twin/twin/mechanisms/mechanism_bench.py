@@ -21,7 +21,9 @@ CAR = CarDimensions(
   max_steering=0.5236,
   imu_x=0.02,
   imu_y=0.01,
+  differential="open",
   duty_supply=8.0,
+  switches=True,
 )
 PERIOD = 0.01
 MIRRORED_SIGNALS = ("pose_y", "pose_yaw", "velocity_y", "yaw_rate", "accel_y", "steering_angle")

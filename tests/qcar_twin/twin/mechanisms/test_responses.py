@@ -91,7 +91,7 @@ def test_drive_dead_zone_lag_and_delay():
   np.testing.assert_allclose(act("drive_dead_zone", [0.2], [0.1, 1.0, -1.0], VOLT), [0.0, 0.8, -0.8], atol=0.011)
   ramp = np.arange(200) * 0.01
   np.testing.assert_allclose(ramp[-1] - act("drive_lag", [0.1, 0.1], ramp, VOLT)[-1], 0.1, rtol=1e-3)
-  volts = dataclasses.replace(motion(200), car=dataclasses.replace(CAR, duty_supply=0.0))
+  volts = dataclasses.replace(motion(200), car=dataclasses.replace(CAR, duty_supply=0.0, switches=False))
   np.testing.assert_allclose(ramp[-1] - act("drive_delay", [0.025], ramp, VOLT, volts)[-1], 0.025, rtol=1e-9)
   np.testing.assert_allclose(ramp[-1] - act("drive_delay", [0.025], ramp, VOLT)[-1], 0.02, rtol=1e-9)
   assert changed("drive_delay", [0.025]) == {"drive_hold": pytest.approx(0.5)}  # of a period, by the motor of a duty

@@ -145,3 +145,22 @@ def test_a_loop_keeps_the_speed_that_its_encoder_shows(engine, rate):
 def test_only_a_car_that_is_commanded_a_speed_can_have_it():
   with pytest.raises(ValueError, match="drive by speed"):
     Twin(QCAR, select(["speed_loop_integral"]))
+
+
+@pytest.mark.parametrize("delay", ["drive_delay", "command_delay"])
+@pytest.mark.parametrize("release", [0.0, 1.0])
+@pytest.mark.parametrize("engine", ["reduced", "mujoco"])
+def test_every_part_of_a_delay_is_one_of_a_loop_at_its_limit(delay, release, engine):
+  """A launch with all its torque, a roll-out, another launch: speeds of two delays differ by what the car gains in the
+  time between, and in one step of the simulation. A mean of two commands pulled for whole periods, up to 11 cm/s, and a
+  loop that lets go braked by how much slower the car had become since it was told."""
+  limit, steps = 0.05, 5
+  car = dataclasses.replace(CAR, max_torque=limit)
+  twin = Twin(car, select(["speed_loop_integral", delay]), substeps=steps, threads=1, engine=engine)
+  command = np.concatenate([np.zeros(30), np.full(80, 1.5), np.zeros(150), np.full(60, 0.6)])
+  given = {"max_torque": limit, "speed_loop_release": release, "driveline_friction": 0.004}
+  delays = np.array([0.002, 0.006, 0.0098, 0.0102, 0.014, 0.0198, 0.0202])
+  speeds = np.stack([shown(twin, values(twin, **given | {delay: d}), drive(command))[:, SPEED] for d in delays])
+  gained = np.abs(np.diff(speeds, axis=1)).max() / PERIOD
+  apart = np.abs(np.diff(speeds, axis=0)).max(axis=1)
+  assert (apart < 1.1 * gained * (np.diff(delays) + PERIOD / steps)).all(), apart

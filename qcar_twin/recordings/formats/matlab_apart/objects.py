@@ -17,7 +17,7 @@ import numpy as np
 from qcar_twin.extras import extra
 from qcar_twin.recordings.formats.apart import Group
 from qcar_twin.recordings.formats.matlab import is_7_3
-from qcar_twin.recordings.formats.matlab_content import columns_of, signal_columns
+from qcar_twin.recordings.formats.matlab_apart.content import columns_of, signal_columns
 from qcar_twin.recordings.recording import RecordingError
 
 with extra("Reading MATLAB objects"):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from qcar_twin.recordings.first_dataset.scales.time import unit_of_clock
+from qcar_twin.recordings.clock_units import unit_of_clock
 from tests.qcar_twin.recordings.drives import drive
 from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log, speed_of
 

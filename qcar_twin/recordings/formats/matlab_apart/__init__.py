@@ -1,0 +1,1 @@
+"""What reads MATLAB files in a process of its own: damage, or what a file claims, can bring that down."""
