@@ -29,10 +29,13 @@ UNITS = {
 def heading(job: Job, lost: Sequence[Mechanism], mark: str = "#") -> list[str]:
   """What a file is, as lines of comment."""
   names = ", ".join(m.name for m in job.present if m.stage != "sensor") or "none"
+  missing = [m.name for m in lost]
+  if job.twin.vehicle.differential == "locked":  # no target has one: a differential_lock is lost, too
+    missing.append("the locked axle")
   lines = [
     f"{job.twin.vehicle.name}, exported by qcar-twin on {datetime.date.today().isoformat()}. SI units.",
     f"Effects of the car in the twin: {names}.",
-    f"Not in this file: {', '.join(m.name for m in lost) or 'none of them'}.",
+    f"Not in this file: {', '.join(missing) or 'none of them'}.",
     f"The drive's command is in {_commanded_in(job.twin.vehicle)}.",
   ]
   return [f"{mark} {line}" for line in lines]

@@ -113,15 +113,16 @@ class Shown:
     """Share of it that lies outside what others reach: of the three that are driven, and of the fourth, (4,)."""
     if reach is None:
       return np.zeros(4)
-    away = (self.driven < reach.low) | (self.driven > reach.high)
-    return np.append(away.mean(axis=0) if len(away) else np.zeros(3), _share(self.told > reach.told))
+    return np.array([*map(_share, self._away(reach).T), _share(self.told > reach.told)])
 
   def outside(self, reach: Reach | None) -> float:
     """Share of the driving that lies outside in any of the three, or in the fourth where that is more."""
     if reach is None or not len(self.driven):
       return 0.0
-    away = (self.driven < reach.low) | (self.driven > reach.high)
-    return max(_share(np.any(away, axis=1)), _share(self.told > reach.told))
+    return max(_share(np.any(self._away(reach), axis=1)), _share(self.told > reach.told))
+
+  def _away(self, reach: Reach) -> np.ndarray:
+    return (self.driven < reach.low) | (self.driven > reach.high)
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ import numpy as np
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
 from qcar_twin.twin.mechanisms.elements import EITHER
+from qcar_twin.vehicle.mjcf import locked_damping
 
-LOCKED = 0.98  # degree at which 0.2 rad/s apart take all that tyres hold: a locked axle
 HALF_LOCK = 0.02  # N m s/rad: damping at which a tight slow turn is half-way to a locked axle
+LOCKED = locked_damping() / (locked_damping() + HALF_LOCK)  # degree from which on an axle is locked, 0.98
 # stated prior: degree of locking by 5e-3 N m s/rad, silicone oil of 25 Pa s between 6 cm^2 of gears and housing, 0.3 mm
 # apart, at 1 cm
 _OIL = 0.2

@@ -54,6 +54,12 @@ def test_the_gain_is_in_the_unit_of_what_the_model_is_commanded(target, drive, u
   assert f"rad/s^2 per {unit}, P1" in written(target, tmp_path, drive=drive)[2]
 
 
+@pytest.mark.parametrize("target", ["single-track", "f1tenth"])
+@pytest.mark.parametrize(("axle", "said"), [("open", "none of them"), ("locked", "the locked axle")])
+def test_a_locked_axle_that_a_file_lacks_is_said(target, axle, said, tmp_path):
+  assert f"Not in this file: {said}." in written(target, tmp_path, layout="rear", differential=axle)[2]
+
+
 def test_a_voltage_ends_at_the_supply(tmp_path):
   job, made, text = written("f1tenth", tmp_path)
   own = single_track_numbers(job.twin, job.theta, ())
