@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 
-_UNSEEN = 0.009  # rad, half a degree: who trims a car until it seems to run straight leaves no more
+# rad, three deviations: who trims a car until it seems to run straight leaves half a degree, and a servo stops anywhere
+# within its dead band, 5 to 8 us of 400 to each side (data sheets of standard ones), half a degree of the road wheels
+_UNSEEN = 0.0175
 
 
 class SteeringOffset(Mechanism):

@@ -8,9 +8,9 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
 from qcar_twin.vehicle.similarity import Similarity
 
-# s/rad, three deviations: a standard servo takes 0.23 s for 60 degrees at 4.8 V without a load (Futaba S3003, data
-# sheet), and f1tenth_gym's car turns its wheels by 3.2 rad/s at most
-_USUAL = 0.3
+# s/rad, three deviations: a standard servo takes 0.23 s for 60 degrees at 4.8 V without a load and goes 45 degrees to
+# each side (Futaba S3003, data sheet), where road wheels go 25: 0.22 s/rad of its own, 0.4 of theirs
+_USUAL = 0.4
 _FAST = 0.15  # s/rad, where a search begins: small servos take 0.1 to 0.16 s for 60 degrees, as far as road wheels turn
 
 
