@@ -87,6 +87,7 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
     ("imu_misalignment", "imu_misalignment", 0.03),
     ("cg_lateral_offset", "cg_lateral_offset", 0.0075),
     ("quadratic_drag", "quadratic_drag", 0.03),
+    ("differential_lock", "differential_preload", 0.012),
   ],
 )
 def test_what_every_car_has_some_of_is_fitted_as_far_as_it_is_usual(mechanism, parameter, most):
