@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 
-# rad, three deviations: who trims a car until it seems to run straight leaves half a degree, and a servo stops anywhere
-# within its dead band, 5 to 8 us of 400 to each side (data sheets of standard ones), half a degree of the road wheels
+# rad, three deviations: who trims a car until it seems to run straight leaves half a degree, and the wheels then stand
+# anywhere within the usual play and dead band, a quarter of a degree each to one side
 _UNSEEN = 0.0175
 
 

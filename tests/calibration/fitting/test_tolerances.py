@@ -77,7 +77,7 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
   ("mechanism", "parameter", "most"),
   [
     ("steering_offset", "steering_offset", 0.0175),
-    ("steering_backlash", "steering_play", 0.009),
+    ("steering_backlash", "steering_play", 0.0175),
     ("steering_delay", "steering_delay", 0.02),
     ("steering_rate_limit", "steering_inverse_rate", 0.6),
     ("motor_heating", "motor_heating", 0.03),
