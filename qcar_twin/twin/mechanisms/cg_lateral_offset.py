@@ -1,12 +1,7 @@
 """Centre of gravity off the middle."""
 
-from collections.abc import Mapping
-
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
-from qcar_twin.vehicle.similarity import Similarity
-
-_BESIDE = 0.0075  # m: a battery of 0.45 kg of 2.7 kg, 0.045 m off the middle, as one beside a shaft is
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model
 
 
 class CgLateralOffset(Mechanism):
@@ -29,14 +24,9 @@ class CgLateralOffset(Mechanism):
   nonlinear_response = (
     True  # tyres and axles move far to make up for it, and a straight line from there leads elsewhere
   )
-  fitted_rank = 32
   parameters = (
     Parameter("cg_lateral_offset", 0.0, -0.06, 0.06, "m", "e", null=0.0, typical=0.014, description="to the left"),
   )
-
-  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """Few weigh a car's sides: a battery that lies beside the middle is three deviations."""
-    return {"cg_lateral_offset": _BESIDE / 3.0 * Similarity.of(car.wheelbase).length}
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     model.set("cg_lateral_offset", model.get("cg_lateral_offset") + theta[:, 0])

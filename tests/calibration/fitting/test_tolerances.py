@@ -85,7 +85,6 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
     ("steering_asymmetry", "steering_asymmetry", 0.032),
     ("gyro_scale", "gyro_scale", 0.03),
     ("imu_misalignment", "imu_misalignment", 0.03),
-    ("cg_lateral_offset", "cg_lateral_offset", 0.0075),
     ("quadratic_drag", "quadratic_drag", 0.03),
     ("differential_lock", "differential_preload", 0.012),
   ],
