@@ -86,6 +86,7 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
     ("gyro_scale", "gyro_scale", 0.03),
     ("imu_misalignment", "imu_misalignment", 0.03),
     ("quadratic_drag", "quadratic_drag", 0.03),
+    ("battery_discharge", "battery_discharge", 0.03),
     ("differential_lock", "differential_preload", 0.012),
   ],
 )
