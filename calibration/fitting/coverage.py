@@ -24,9 +24,10 @@ _WHOLE = 2.0 * DEFAULT_CUT.length  # s: of a shorter recording a half would not 
 def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
   """Give what goes far outside what is fitted the role "identify", farthest first, until little is left outside.
 
-  It is what the car was commanded while it was driven, drive and steering, sign and all, how fast it went round, and
-  how fast it was told to steer: friction that no fitted drive came near is not learnt from commands that were all there
-  one by one, nor a servo's largest rate from a slalom that it follows. Recordings are halved, again where half is too
+  It is what the car was commanded while it was driven, drive and steering, sign and all, how fast it went round and
+  from how fast it coasted, and how fast it was told to steer: friction that no fitted drive came near is not learnt
+  from commands that were all there one by one, nor what a controller does at neutral from drives that end with the
+  brake, nor a servo's largest rate from a slalom that it follows. Recordings are halved, again where half is too
   much or too little; short ones change their role whole. Nothing is changed where no hold-out recording would be left
   to judge.
 
@@ -41,13 +42,13 @@ def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
   if not dataset.role("holdout") or not dataset.role("identify"):
     return dataset, ()
   least, travel = least_driven(recordings), rolling_radius(Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std))
-  amount = lambda one: one.outside(reach) * len(one.driven)
+  amount = lambda one: one.outside(reach) * len(one)
   while True:
     shown = [Shown.of(r, least) for r in recordings]
     reach = Reach.of([s for r, s in zip(recordings, shown, strict=True) if r.role == "identify"])
-    judging = [i for i, r in enumerate(recordings) if r.role == "validate" and len(shown[i].driven)]
+    judging = [i for i, r in enumerate(recordings) if r.role == "validate" and len(shown[i])]
     outside = {i: amount(shown[i]) for i in judging}
-    if reach is None or sum(outside.values()) <= OUTSIDE * sum(len(shown[i].driven) for i in judging):
+    if reach is None or sum(outside.values()) <= OUTSIDE * sum(len(shown[i]) for i in judging):
       break
     i = max(judging, key=outside.__getitem__)
     pieces = _halves(recordings[i])
@@ -92,12 +93,14 @@ def _opened(recording: Recording, shown: Shown, reach: Reach, travel: float) -> 
 def _outside(recording: Recording, shown: Shown, reach: Reach, travel: float) -> str:
   """What of a recording lies outside most, as part of a sentence; the motor's travel is in m per rad."""
   beyond = shown.beyond(reach)
-  k = int(np.argmax(beyond))
+  k, speed = int(np.argmax(beyond)), travel if "motor_speed" in recording else 1.0
   if k == len(reach.low):
+    return f"{100.0 * beyond[k]:.0f} % of its driving is coasting faster than {speed * reach.coasted:.3g} m/s"
+  if k > len(reach.low):
     return (
       f"{100.0 * beyond[k]:.0f} % of the turns of its steering_command go farther than {reach.told:.3g} rad in 0.1 s"
     )
-  scale = travel if k == 2 and "motor_speed" in recording else 1.0
+  scale = speed if k == 2 else 1.0
   what = (recording.drive_channel, "steering_command", "the lateral acceleration")[k]
   unit = "m/s^2" if k == 2 else CHANNELS[what].unit
   between = f"{scale * reach.low[k]:.3g} to {scale * reach.high[k]:.3g} {unit}".removesuffix(" -")

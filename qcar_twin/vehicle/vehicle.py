@@ -283,6 +283,7 @@ _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES), "differential
 _WORDS = (*_CHOICES, "tyre_law")
 _LOOP_TIME = 0.1  # s, in which a usual speed loop brings a car of the QCar's class to its speed
 _FIERCEST = 0.5 * GRAVITY  # m/s^2, acceleration that a usual limit of the motor's current allows
+_SERVO_LAG = 0.02  # s, stated prior: the QCar's servo is taken for 5 ms, those of model cars for 15 to 75
 _WEIGHTLESS = 1e-9  # kg, wheels of a car of which only sizes are used: the QCar's yaw inertia says nothing of it
 _VISCOUS = 0.05  # of the motor's damping by back-EMF: what bearings, brushes and gears usually add
 QCAR = Vehicle()
@@ -310,8 +311,7 @@ def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
   load, radius = car.mass / QCAR.mass, car.wheel_radius / QCAR.wheel_radius
   gear = car.gear_ratio / QCAR.gear_ratio
   inertia = load * (radius * gear) ** 2
-  front = car.static_load[0] / QCAR.static_load[0]
-  rear = car.static_load[1] / QCAR.static_load[1]
+  front, rear = (its / usual for its, usual in zip(car.static_load, QCAR.static_load, strict=True))
   yaw_inertia = yaw_inertia or QCAR.yaw_inertia * load * (car.wheelbase / QCAR.wheelbase) ** 2
   # wheels that hold at most half of the yaw inertia, whatever was measured
   heaviest = 0.5 * yaw_inertia / float(np.sum(car.wheel_positions[:, :2] ** 2))
@@ -324,7 +324,7 @@ def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
     "relaxation_length": QCAR.relaxation_length * car.similarity.length,
     "longitudinal_relaxation": QCAR.longitudinal_relaxation * car.similarity.length,
     "carcass_damping": QCAR.carcass_damping * load / car.similarity.time,
-    "servo_time_constant": QCAR.servo_time_constant * car.similarity.time,
+    "servo_time_constant": _SERVO_LAG * car.similarity.time,
     "suspension_frequency": QCAR.suspension_frequency / car.similarity.time,
     "wheel_mass": min(QCAR.wheel_mass * load, heaviest),
     "wheel_inertia": QCAR.wheel_inertia * load * radius**2,

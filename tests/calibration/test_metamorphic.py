@@ -24,8 +24,10 @@ SIDED = (
   "floor_slope_y",
   "gyro_bias",
   "imu_lever_arm_y",
+  "imu_misalignment",
   "pose_mount_y",
   "pose_mount_yaw",
+  "steering_asymmetry",
   "steering_offset",
 )  # with a sign of their own
 IN_ROOM = ("floor_slope_x", "floor_slope_y")  # components of a vector that turns with the room

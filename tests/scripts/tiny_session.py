@@ -15,7 +15,7 @@ LENGTH = 300  # samples of a recording
 NUMBERS = {
   name: getattr(QCAR, name)
   for name in ("name", "mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
-               "gear_ratio", "max_steering", "imu_x", "imu_y")
+               "gear_ratio", "max_steering", "imu_x", "imu_y", "servo_time_constant")
 }  # fmt: skip
 NOISE = {"motor_speed": 0.5, "yaw_rate": 0.006, "accel_x": 0.05, "accel_y": 0.05}
 TRUTH = {"torque_per_volt": 1.15, "cornering_stiffness_front": 0.85, "cornering_stiffness_rear": 0.9}  # of nominal

@@ -23,7 +23,7 @@ def strength(item: Leftover, levels: Levels) -> float:
 
   Of smooth structure the square of its share of the channel's spread, where noise would hardly make it; of a line its
   excess over what one in a smooth spectrum has by chance: the mean of n unit exponentials, less one; of bursts odds; of
-  a whole error how many times the sensor's noise it is.
+  a whole error how many times the sensor's noise it is. A line or bursts of an immaterial size are none.
   """
   if item.count == 0:
     return 0.0
@@ -31,8 +31,9 @@ def strength(item: Leftover, levels: Levels) -> float:
     by_chance = float(student.sf(item.t, max(item.count - 1, 1)))
     return (item.size / levels.material) ** 2 if by_chance < levels.chance else 0.0
   if item.family == "rhythm":
-    return item.nats / (float(gamma.isf(levels.rhythm, item.count)) / item.count - 1.0)
-  level = levels.error if item.family == "error" else levels.bursts
+    level = float(gamma.isf(levels.rhythm, item.count)) / item.count - 1.0
+  else:
+    level = levels.error if item.family == "error" else levels.bursts
   return item.nats / level if item.size >= levels.material else 0.0
 
 

@@ -27,7 +27,7 @@ class Leftover:
       nats but the odds that an error falls into one; for an error, its multiple of the sensor's noise.
     t: of a smooth one, Student's t of the blocks' held-out gains; None of all others.
     count: blocks, stretches or windows behind it.
-    size: RMS of the structure as a share of the spread of what the channel measured; 0 for a rhythm.
+    size: RMS of the structure as a share of the spread of what the channel measured.
   """
 
   channel: str

@@ -61,7 +61,8 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
   for channel in observations.present:
     if RESIDUALS[channel].is_direct:
       line = strongest_line(model.residual, observations, prediction, channel, turns)
-      found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, count=line.stretches))
+      size = _size(line.mean_square * np.count_nonzero(observations.select(channel)), observations, channel, whitening)
+      found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, None, line.stretches, size))
       # a pose that jumps is mostly the fault of what measures it
       burst = bursts(model.residual, observations, prediction, channel)
       size = _size(burst.sum_of_squares, observations, channel, whitening)

@@ -32,12 +32,14 @@ class Line:
     at: Hz, or lines per turn.
     nats: mean excess per stretch.
     stretches: how many had enough data.
+    mean_square: of the sinusoid, over all values of those stretches, in the residual's unit squared.
   """
 
   over: str
   at: float
   nats: float
   stretches: int
+  mean_square: float = 0.0
 
   @property
   def depends_on(self) -> tuple[str, ...]:
@@ -73,21 +75,31 @@ def strongest_line(
 
 
 def _line(over: str, frequencies: Array, parts: list[tuple[Array, Array]]) -> Line:
-  gains = np.mean([np.minimum(excess(frequencies, x, r), _CAP) for x, r in parts], axis=0)
+  spectra = [spectrum(frequencies, x, r) for x, r in parts]
+  gains = np.mean([np.minimum(excess(power, ground), _CAP) for power, ground in spectra], axis=0)
   # at the ends the background has neighbours on one side only, and a slope looks like a line
   gains[(frequencies < frequencies[0] / (1 - _FAR)) | (frequencies > frequencies[-1] * (1 - _FAR))] = 0.0
   top = int(np.argmax(gains))
-  return Line(over, float(frequencies[top]), float(gains[top]), len(parts))
+  weights = np.array([len(x) for x, _ in parts])
+  beyond = np.array([max(power[top] - ground[top], 0.0) for power, ground in spectra])
+  mean_square = float(weights @ beyond / weights.sum())
+  return Line(over, float(frequencies[top]), float(gains[top]), len(parts), mean_square)
 
 
-def excess(frequencies: Array, position: Array, values: Array) -> Array:
-  """P / B - 1 at frequencies (F,), from values at positions (k,): a Hann-tapered transform over its own background."""
+def excess(power: Array, ground: Array) -> Array:
+  """P / B - 1 at frequencies, (F,), from `spectrum`."""
+  return power / np.maximum(ground, 1e-300) - 1.0
+
+
+def spectrum(frequencies: Array, position: Array, values: Array) -> tuple[Array, Array]:
+  """Power at frequencies (F,), as the mean square of a sinusoid that would have it, and that of its neighbourhood: a
+  Hann-tapered transform of values at positions (k,)."""
   share = (position - position[0]) / (position[-1] - position[0])
   taper = np.sin(np.pi * np.clip(share, 0.0, 1.0)) ** 2
   centred = (values - values.mean()) * taper
   phase = 2.0 * np.pi * np.outer(frequencies, position)
-  power = (np.cos(phase) @ centred) ** 2 + (np.sin(phase) @ centred) ** 2
-  return power / np.maximum(_neighbourhood(tuple(frequencies.tolist())) @ power, 1e-300) - 1.0
+  power = 2.0 * ((np.cos(phase) @ centred) ** 2 + (np.sin(phase) @ centred) ** 2) / np.sum(taper) ** 2
+  return power, _neighbourhood(tuple(frequencies.tolist())) @ power
 
 
 @functools.lru_cache(maxsize=64)

@@ -20,6 +20,7 @@ _TURN, _TURNS = 0.1, 0.02  # s in which a servo is told a way, and rad from whic
 _EDGE = 1.0  # per cent of the driving that is left out at either end of its range
 _WIDER = 0.1  # of the range, by which it is widened: so far a fit is trusted beyond what it saw
 _DRIVEN = 0.1  # of the largest drive command, below which the car is taken to stand or to coast
+_COASTS = 0.3  # s, after which no drive pulls on any more that is told nothing
 OUTSIDE = 0.1  # share of the judging drives that may lie outside what is fitted
 
 
@@ -81,10 +82,13 @@ def runs(mask: np.ndarray) -> list[tuple[int, int, bool]]:
   return [(int(a), int(b), bool(v)) for a, b, v in zip(same.first, same.last, same.value, strict=True)]
 
 
-def least_driven(recordings: Sequence[Recording]) -> float:
-  """Command of the drive, in its unit, either way, below which cars of these recordings stand or coast."""
-  commands = [np.abs(recording.commands(_HELD)[1][:, 0]) for recording in recordings]
-  return _DRIVEN * max(float(c.max(initial=0.0)) for c in commands)
+def least_driven(recordings: Sequence[Recording]) -> tuple[float, float]:
+  """Command of the drive, in its unit, either way, below which cars of these recordings stand or coast, and speed, in
+  that of the motor's or car's, below which they stand."""
+  grids = [(recording, *recording.commands(_HELD)) for recording in recordings]
+  command = max(float(np.abs(commands[:, 0]).max(initial=0.0)) for _, _, commands in grids)
+  speeds = np.concatenate([np.abs(_speed(recording, time)) for recording, time, _ in grids])
+  return _DRIVEN * command, RESTS * float(np.percentile(speeds, 100.0 - _EDGE))
 
 
 @dataclass(frozen=True)
@@ -94,32 +98,43 @@ class Shown:
   Attributes:
     driven: command of the drive in its unit, that of the steering, rad, and speed of motor or car times yaw rate, in
       the speed's unit times rad/s, (k, 3), while the car is driven; sign and all.
+    coasted: how fast it goes, either way, in the speed's unit, while it moves and is not driven, (c,).
     told: how far the steering's command goes in 0.1 s where it goes anywhere, rad, (m,).
   """
 
   driven: np.ndarray
+  coasted: np.ndarray
   told: np.ndarray
 
   @classmethod
-  def of(cls, recording: Recording, least: float) -> Shown:
-    """While the command of the drive exceeds `least`, in its unit, either way."""
+  def of(cls, recording: Recording, least: tuple[float, float]) -> Shown:
+    """It is driven while the command of the drive, either way, exceeds the first of `least`, and moves at more than the
+    second, see `least_driven`."""
     time, commands = recording.commands(_HELD)
-    driven = np.column_stack([commands, _going_round(recording, time)])
+    is_driven, speed = np.abs(commands[:, 0]) > least[0], _speed(recording, time)
+    driven = np.column_stack([commands, _going_round(recording, time, speed)])
     ahead = round(_TURN / _HELD)
     told = np.abs(commands[ahead:, 1] - commands[:-ahead, 1])
-    return cls(driven[np.abs(commands[:, 0]) > least], told[told > _TURNS])
+    return cls(driven[is_driven], _coasted(is_driven, np.abs(speed), least[1]), told[told > _TURNS])
+
+  def __len__(self) -> int:
+    """Of the samples that it is driven for or coasts for."""
+    return len(self.driven) + len(self.coasted)
 
   def beyond(self, reach: Reach | None) -> np.ndarray:
-    """Share of it that lies outside what others reach: of the three that are driven, and of the fourth, (4,)."""
+    """Share of it that lies outside what others reach: of the three that are driven, of all that coasts faster, and of
+    the turns of the steering, (5,)."""
     if reach is None:
-      return np.zeros(4)
-    return np.array([*map(_share, self._away(reach).T), _share(self.told > reach.told)])
+      return np.zeros(5)
+    coasts = np.sum(self.coasted > reach.coasted) / max(len(self), 1)
+    return np.array([*map(_share, self._away(reach).T), coasts, _share(self.told > reach.told)])
 
   def outside(self, reach: Reach | None) -> float:
-    """Share of the driving that lies outside in any of the three, or in the fourth where that is more."""
-    if reach is None or not len(self.driven):
+    """Share that lies outside in any of the three or coasts faster, or of the turns where that is more."""
+    if reach is None or not len(self):
       return 0.0
-    return max(_share(np.any(self._away(reach), axis=1)), _share(self.told > reach.told))
+    away = np.sum(np.any(self._away(reach), axis=1)) + np.sum(self.coasted > reach.coasted)
+    return max(float(away) / len(self), _share(self.told > reach.told))
 
   def _away(self, reach: Reach) -> np.ndarray:
     return (self.driven < reach.low) | (self.driven > reach.high)
@@ -127,32 +142,46 @@ class Shown:
 
 @dataclass(frozen=True)
 class Reach:
-  """Between what, (3,), and up to how fast a turn of the steering's command, rad in 0.1 s, recordings show a car."""
+  """Between what, (3,), from how fast it coasts, and up to how fast a turn of the steering's command, rad in 0.1 s,
+  recordings show a car."""
 
   low: np.ndarray
   high: np.ndarray
+  coasted: float
   told: float
 
   @classmethod
   def of(cls, shown: Sequence[Shown]) -> Reach | None:
     """Of several together, and a little more; None where nothing was driven."""
     driven = np.concatenate([np.zeros((0, 3)), *(s.driven for s in shown)])
+    coasted = np.concatenate([np.zeros(0), *(s.coasted for s in shown)])
     told = np.concatenate([np.zeros(0), *(s.told for s in shown)])
     if not len(driven):
       return None
     low, high = np.percentile(driven, [_EDGE, 100.0 - _EDGE], axis=0)
     room = _WIDER * (high - low)
-    fastest = float(np.percentile(told, 100.0 - _EDGE)) if len(told) else _TURNS
-    return cls(low - room, high + room, (1.0 + _WIDER) * fastest)
+    most = lambda of, none: (1.0 + _WIDER) * (float(np.percentile(of, 100.0 - _EDGE)) if len(of) else none)
+    return cls(low - room, high + room, most(coasted, 0.0), most(told, _TURNS))
 
 
 def _share(of: np.ndarray) -> float:
   return float(np.mean(of)) if len(of) else 0.0
 
 
-def _going_round(recording: Recording, time: np.ndarray) -> np.ndarray:
-  """Speed times yaw rate as both were measured, (T,); 0 where either was not."""
+def _coasted(is_driven: np.ndarray, speed: np.ndarray, least: float) -> np.ndarray:
+  """Of the speed, either way, (T,), what a car has that moves and has not been driven for a while, (c,)."""
+  pulled = np.convolve(is_driven, np.ones(round(_COASTS / _HELD)))[: len(speed)] > 0.0
+  return speed[~pulled & (speed > least)]
+
+
+def _speed(recording: Recording, time: np.ndarray) -> np.ndarray:
+  """Of the motor, or of the car, as it was measured, (T,); 0 where none was."""
   speed = next((recording[name] for name in ("motor_speed", "speed") if name in recording), None)
-  if speed is None or "yaw_rate" not in recording:
+  return np.zeros(len(time)) if speed is None else np.nan_to_num(speed.interpolate(time))
+
+
+def _going_round(recording: Recording, time: np.ndarray, speed: np.ndarray) -> np.ndarray:
+  """Speed times yaw rate as both were measured, (T,); 0 where either was not."""
+  if "yaw_rate" not in recording:
     return np.zeros(len(time))
-  return np.nan_to_num(speed.interpolate(time) * recording["yaw_rate"].interpolate(time))
+  return np.nan_to_num(speed * recording["yaw_rate"].interpolate(time))

@@ -83,7 +83,7 @@ def _covered(
   recordings: Sequence[Recording], kinds: Sequence[Sequence[int]], roles: dict[int, tuple[str, str]]
 ) -> dict[int, tuple[str, str]]:
   """The roles, where what is fitted covers what judges as far as it can: hold-out first, each within its kind."""
-  least = least_driven(recordings) if recordings else 0.0
+  least = least_driven(recordings) if recordings else (0.0, 0.0)
   shown = {place: Shown.of(recording, least) for place, recording in enumerate(recordings)}
   for judges in ("holdout", "validate"):
     for place in [p for p, (role, _) in sorted(roles.items()) if role == judges]:

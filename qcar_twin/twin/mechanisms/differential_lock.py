@@ -14,6 +14,7 @@ LOCKED = locked_damping() / (locked_damping() + HALF_LOCK)  # degree from which 
 # stated prior: degree of locking by 5e-3 N m s/rad, silicone oil of 25 Pa s between 6 cm^2 of gears and housing, 0.3 mm
 # apart, at 1 cm
 _OIL = 0.2
+_CLAMPED = 0.012  # N m, stated prior: 100 N that hold a ball differential together, 1 % rolling friction, at 12 mm
 
 
 class DifferentialLock(Mechanism):
@@ -42,9 +43,11 @@ class DifferentialLock(Mechanism):
   )
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """Open differentials run in grease or in oil: what a full housing of a stiff one holds is three deviations. Whether
-    an axle is locked, few descriptions of cars with one driven axle say: the recordings tell."""
-    return {"differential_lock": {"open": _OIL / 3.0, "unknown": EITHER}.get(car.differential, 0.0)}
+    """Open differentials run in grease or in oil, and some are clamped: what a full housing of a stiff one holds, and
+    what a tight clamp does, is three deviations. Whether an axle is locked, few descriptions of cars with one driven
+    axle say: the recordings tell."""
+    degree = {"open": _OIL / 3.0, "unknown": EITHER}.get(car.differential, 0.0)
+    return {"differential_lock": degree, "differential_preload": _CLAMPED / 3.0 if degree else 0.0}
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     degree = np.minimum(theta[:, 0], LOCKED)

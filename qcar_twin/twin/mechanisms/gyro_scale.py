@@ -1,8 +1,12 @@
 """Gyro that reads too much or too little."""
 
+from collections.abc import Mapping
+
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
 from qcar_twin.twin.mechanisms.elements import replaced
+
+_DATA_SHEET = 0.03  # InvenSense MPU-6050, product specification 3.4, 2013, at 25 degrees C
 
 
 class GyroScale(Mechanism):
@@ -22,9 +26,14 @@ class GyroScale(Mechanism):
   link = "scale"
   needs = ("yaw_rate",)
   signed = True
+  fitted_rank = 30
   parameters = (
     Parameter("gyro_scale", 0.0, -0.3, 0.3, "-", "s", null=0.0, typical=0.05, description="relative scale error"),
   )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """What a data sheet allows is three deviations."""
+    return {"gyro_scale": _DATA_SHEET / 3.0}
 
   def measure(self, theta: Array, track: Track) -> Array:
     return replaced(track, yaw_rate=track.signal("yaw_rate") * (1.0 + theta[:, :1]))

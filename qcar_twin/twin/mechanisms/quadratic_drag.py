@@ -1,9 +1,14 @@
 """Drag that grows with the square of the speed."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
+from qcar_twin.vehicle.similarity import Similarity
+
+_AIR = 0.03  # kg/m: half the density of air, a drag coefficient of 1 and 0.05 m^2, a body 0.2 m wide and 0.25 m high
 
 
 class QuadraticDrag(Mechanism):
@@ -21,9 +26,14 @@ class QuadraticDrag(Mechanism):
   stage = "force"
   outlined_by = "resistance_curve"
   dissipative = True
+  fitted_rank = 33
   parameters = (
     Parameter("quadratic_drag", 0.0, 0.0, 2.0, "kg/m", "c_2", null=0.0, typical=0.4, description="force per v^2"),
   )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """No car drives without air: what a bluff body of its size meets is three deviations."""
+    return {"quadratic_drag": _AIR / 3.0 * Similarity.of(car.wheelbase).length ** 2}
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
     ahead, aside = context.signal("velocity_x"), context.signal("velocity_y")

@@ -1,8 +1,12 @@
 """Steering linkage that turns further to one side."""
 
+from collections.abc import Mapping
+
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import smooth_abs
+
+_TOOTH = 0.032  # of a crank half a tooth of a servo's spline off square, 7 deg with 25 teeth, at half a radian
 
 
 class SteeringAsymmetry(Mechanism):
@@ -23,9 +27,14 @@ class SteeringAsymmetry(Mechanism):
   open_loop = True
   symmetric = False
   signed = True
+  fitted_rank = 29
   parameters = (
     Parameter("steering_asymmetry", 0.0, -0.5, 0.5, "-", "a", null=0.0, typical=0.1, description="left over mean, - 1"),
   )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """A crank is put on to the nearest tooth: half a tooth is three deviations."""
+    return {"steering_asymmetry": _TOOTH / 3.0}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

@@ -8,7 +8,9 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import STANDSTILL
 
-_USUAL = 0.009  # rad, half a degree: a servo's gears and ball links that are not worn
+# rad, three deviations: gears of a servo and ball links that are not worn have half a degree; its dead band of up to
+# 8 us of the 400 to one side (data sheets of standard servos) is half a degree of the road wheels more
+_USUAL = 0.0175
 
 
 class SteeringBacklash(Mechanism):

@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 
-_UNSEEN = 0.009  # rad, half a degree: who trims a car until it seems to run straight leaves no more
+# rad, three deviations: who trims a car until it seems to run straight leaves half a degree, and the wheels then stand
+# anywhere within the usual play and dead band, a quarter of a degree each to one side
+_UNSEEN = 0.0175
 
 
 class SteeringOffset(Mechanism):

@@ -147,3 +147,31 @@ def test_a_hold_out_that_is_told_to_steer_faster_than_anything_fitted_is_told_of
   runs = (told("slow", "identify", slalom), told("steps", "validate", steps), told("end", "holdout", steps))
   made, notes = with_coverage(DataSet("steps", runs))
   assert roles(made) == {"slow": "identify", "steps": "identify", "end": "holdout"} and len(notes) == 1
+
+
+def test_a_car_that_coasts_where_fitted_ones_brake_is_fitted_there_too():
+  """What a controller does at neutral is not learnt from drives that end with the brake."""
+
+  def ending(name: str, role: str, last: float, slowing: float) -> Recording:
+    drives = TIME < 2.5
+    speed = np.where(drives, 1.5, np.maximum(1.5 - slowing * (TIME - 2.5), 0.0))
+    streams = {"motor_duty": np.where(drives, 0.2, last), "steering_command": 0.1 * np.sin(TIME), "speed": speed}
+    return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+
+  brakes, coasts = ending("brakes", "identify", -0.2, 3.0), ending("coasts", "validate", 0.0, 0.4)
+  made, notes = with_coverage(DataSet("stops", (brakes, coasts, ending("end", "holdout", -0.2, 3.0))))
+  assert roles(made) == {"brakes": "identify", "coasts": "identify", "end": "holdout"}
+  assert len(notes) == 1 and "47 % of its driving is coasting faster than 0 m/s, and no recording" in notes[0]
+  made, notes = with_coverage(DataSet("stops", (brakes, ending("end", "holdout", 0.0, 0.4))))
+  assert roles(made)["end"] == "holdout" and "is coasting faster than 0 m/s" in notes[0]
+
+
+def test_a_parked_car_coasts_nowhere():
+  def parked(name: str, role: str, noise: float) -> Recording:
+    streams = {"motor_duty": 0.0 * TIME, "steering_command": 0.0 * TIME, "speed": noise * np.sin(50.0 * TIME)}
+    return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+
+  drive = run("drive", "identify", 0.3)
+  recordings = (drive, parked("quiet", "identify", 0.001), parked("loud", "validate", 0.02), run("end", "holdout", 0.3))
+  made, notes = with_coverage(DataSet("parked", recordings))
+  assert roles(made)["loud"] == "validate" and not notes

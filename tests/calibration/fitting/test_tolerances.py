@@ -76,12 +76,18 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
 @pytest.mark.parametrize(
   ("mechanism", "parameter", "most"),
   [
-    ("steering_offset", "steering_offset", 0.009),
-    ("steering_backlash", "steering_play", 0.009),
+    ("steering_offset", "steering_offset", 0.0175),
+    ("steering_backlash", "steering_play", 0.0175),
     ("steering_delay", "steering_delay", 0.02),
-    ("steering_rate_limit", "steering_inverse_rate", 0.3),
+    ("steering_rate_limit", "steering_inverse_rate", 0.6),
     ("motor_heating", "motor_heating", 0.03),
     ("battery_sag", "battery_sag", 0.06),
+    ("steering_asymmetry", "steering_asymmetry", 0.032),
+    ("gyro_scale", "gyro_scale", 0.03),
+    ("imu_misalignment", "imu_misalignment", 0.03),
+    ("quadratic_drag", "quadratic_drag", 0.03),
+    ("battery_discharge", "battery_discharge", 0.03),
+    ("differential_lock", "differential_preload", 0.012),
   ],
 )
 def test_what_every_car_has_some_of_is_fitted_as_far_as_it_is_usual(mechanism, parameter, most):

@@ -63,9 +63,19 @@ def test_cars_of_the_class_keep_every_figure(wheelbase):
   car, mechanisms = car_of(wheelbase), select(["payload", "steering_lag", "pose_mount"])
   twin = Twin(car, mechanisms, threads=1)
   assert twin.substeps == 5 and all(a is b for a, b in zip(twin.mechanisms, mechanisms, strict=True))
-  assert car.servo_time_constant == QCAR.servo_time_constant and car.relaxation_length == QCAR.relaxation_length
-  names = ("servo_time_constant", "relaxation_length")
+  assert car.suspension_frequency == QCAR.suspension_frequency and car.relaxation_length == QCAR.relaxation_length
+  names = ("longitudinal_relaxation", "relaxation_length")
   assert all(base_parameters(car)[name] == base_parameters(QCAR)[name] for name in names)
+
+
+@pytest.mark.parametrize(("wheelbase", "times"), [(0.2, 1.0), (0.256, 1.0), (1.1, 2.0)])
+def test_a_servo_that_nobody_describes_is_a_model_cars_and_no_qcars(wheelbase, times):
+  """Standard servos follow in 15 to 75 ms, which one deviation from the nominal and a third of one take in; a large
+  car's take as much longer as its times are."""
+  servo = base_parameters(car_of(wheelbase))["servo_time_constant"]
+  assert servo.nominal == pytest.approx(0.02 * times)
+  assert servo.nominal / servo.factor < 0.015 * times and 0.075 * times < servo.nominal * servo.factor**1.3
+  assert base_parameters(QCAR)["servo_time_constant"].nominal == 0.005
 
 
 def test_a_parameter_goes_by_its_unit():

@@ -111,7 +111,7 @@ def test_a_line_is_one_that_noise_would_not_make(count):
   """Mean excess of unit exponentials: the level is passed as often as it says, at a chance that can be counted."""
   levels, random = dataclasses.replace(usual_levels(), rhythm=0.01), np.random.default_rng(count)
   means = random.exponential(size=(20_000, count)).mean(axis=1) - 1.0
-  line = lambda nats: Leftover("accel_y", "rhythm", (), nats, count=count)
+  line = lambda nats: Leftover("accel_y", "rhythm", (), nats, count=count, size=levels.material)
   assert np.mean([strength(line(x), levels) >= 1.0 for x in means]) == pytest.approx(0.01, abs=0.002)
   assert strength(line(9.0), usual_levels()) > 1.0
   assert strength(dataclasses.replace(line(9.0), count=0), levels) == 0.0

@@ -18,7 +18,7 @@ from calibration.diagnosis.unexplained.families import (
   terms,
 )
 from calibration.diagnosis.unexplained.leftover import FAMILIES, leftovers, smooth_gain
-from calibration.diagnosis.unexplained.rhythm import excess
+from calibration.diagnosis.unexplained.rhythm import excess, spectrum
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
 
@@ -91,7 +91,6 @@ def test_the_size_of_a_structure_is_its_share_of_what_the_channel_shows():
     above_level([own], levels) == (own,)
     and above_level([own], dataclasses.replace(levels, material=1.1 * own.size)) == ()
   )
-  assert found(pool)["accel_y", "rhythm"].size == 0.0
 
 
 def test_a_rhythm_of_unknown_phase_is_found_at_its_frequency():
@@ -99,6 +98,17 @@ def test_a_rhythm_of_unknown_phase_is_found_at_its_frequency():
   assert items["yaw_rate", "rhythm"].nats > 5.0
   assert items["yaw_rate", "rhythm"].depends_on == ("time: a rhythm of 3.2 Hz",)
   assert items["accel_y", "rhythm"].nats < 2.5
+
+
+def test_a_rhythm_counts_from_the_size_that_all_structure_counts_from():
+  """A line that no noise makes is none that matters: marks of a speed sensor lie as unevenly as they were put on."""
+  pool = spoilt("yaw_rate", lambda time, k: 0.2 * np.sin(2 * np.pi * 3.2 * time + 1.7 * k))
+  own, observations = found(pool)["yaw_rate", "rhythm"], pool.problem.observations
+  put = 0.2 / np.sqrt(2.0) / np.std(observations.measured[observations.select("yaw_rate")])
+  assert own.size == pytest.approx(put, rel=0.1)
+  levels = dataclasses.replace(usual_levels(), material=0.9 * own.size)
+  assert strength(own, levels) > 1.0
+  assert strength(own, dataclasses.replace(levels, material=1.1 * own.size)) == 0.0
 
 
 def test_errors_that_come_in_bursts_are_told_from_errors_that_are_always_there():
@@ -131,10 +141,12 @@ def test_bursts_are_the_share_of_the_strongest_twentieth_while_the_car_moves(cle
 def test_excess_of_a_line_and_of_white_noise():
   random = np.random.default_rng(0)
   frequencies, time = np.arange(1.0, 12.0, 0.1), np.arange(0.0, 6.0, 0.02)
-  noise = np.mean([excess(frequencies, time, random.standard_normal(len(time))) for _ in range(200)], axis=0)
+  noise = np.mean([excess(*spectrum(frequencies, time, random.standard_normal(len(time)))) for _ in range(200)], axis=0)
   assert abs(noise[20:60].mean()) < 0.15  # dividing by an estimate adds a little
-  line = excess(frequencies, time, np.sin(2 * np.pi * 4.0 * time) + 0.1 * random.standard_normal(len(time)))
+  line = excess(*spectrum(frequencies, time, np.sin(2 * np.pi * 4.0 * time) + 0.1 * random.standard_normal(len(time))))
   assert frequencies[int(np.argmax(line))] == pytest.approx(4.0, abs=0.1)
+  power, _ = spectrum(frequencies, time, 3.0 * np.sin(2 * np.pi * 4.0 * time + 0.7))
+  assert power.max() == pytest.approx(0.5 * 3.0**2, rel=0.02)  # the mean square of the sinusoid
 
 
 def test_smooth_gain_is_what_ridge_regression_saves_on_data_left_out(offset_pool):

@@ -97,6 +97,14 @@ def test_drive_dead_zone_lag_and_delay():
   assert changed("drive_delay", [0.025]) == {"drive_hold": pytest.approx(0.5)}  # of a period, by the motor of a duty
 
 
+def test_throttle_expo_takes_from_small_duties_and_nothing_from_full_ones():
+  full = CAR.duty_supply
+  np.testing.assert_allclose(act("drive_expo", [0.4], [0.0, full, -full], VOLT), [0.0, full, -full])
+  half = 0.5 * full
+  np.testing.assert_allclose(act("drive_expo", [0.4], [half, -half], VOLT), [0.7 * half, -0.7 * half])
+  np.testing.assert_allclose(act("drive_expo", [1.0], [half], VOLT), full * 0.5**3)
+
+
 def test_a_delay_of_both_commands_is_that_of_either():
   ramp = np.linspace(0.0, 0.2, 30)
   for column, name in ((VOLT, "drive_delay"), (STEER, "steering_delay")):
