@@ -8,7 +8,7 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
 from qcar_twin.twin.mechanisms.elements import replaced
 
-_SCREWED = 0.03  # rad: screws of 2.5 mm in holes of 3 mm, 17 mm apart, and 2 % from axis to axis of the sensor itself
+_SCREWED = 0.03  # rad, three deviations: two screws of 2.5 mm in holes of 3 mm, 17 mm apart
 
 
 class ImuMisalignment(Mechanism):

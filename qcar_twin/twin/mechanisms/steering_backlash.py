@@ -9,7 +9,7 @@ from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechan
 from qcar_twin.twin.mechanisms.elements import STANDSTILL
 
 # rad, three deviations: gears of a servo and ball links that are not worn have half a degree; its dead band of up to
-# 8 us of the 400 to one side (data sheets of standard servos) is half a degree of the road wheels more
+# 8 us of the 400 to one side (Hitec HS-422, data sheet) is half a degree of the road wheels more
 _USUAL = 0.0175
 
 

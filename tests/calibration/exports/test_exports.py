@@ -22,7 +22,7 @@ from qcar_twin.plant import signal_index
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
-from qcar_twin.vehicle.vehicle import QCAR, WHEELS, Vehicle
+from qcar_twin.vehicle.vehicle import WHEELS, Vehicle
 from tests import ROOT
 
 EFFECTS = {
@@ -215,8 +215,7 @@ def test_a_servo_that_overshoots_does_so_in_the_file(name, tmp_path):
 
 @pytest.mark.slow
 def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_creep(sample, tmp_path):
-  quick = {"servo_time_constant": QCAR.servo_time_constant}  # as that car's is; a wrong one adds to the tyres' error
-  _, loss = export_twin("mjcf", job_with(quick, sample), tmp_path)
+  _, loss = export_twin("mjcf", job_with({"servo_time_constant": 0.005}, sample), tmp_path)  # as quick as that car's
   assert loss is not None and loss.predicted == pytest.approx(loss.ratio, rel=0.1)
   (creeping,) = (e for e in loss.effects if e.name.startswith("tyres"))
   costs = creeping.document()["costs"]
