@@ -5,6 +5,7 @@ Pure functions of arrays with the simulations along the first axis; no mechanism
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -241,7 +242,8 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
   if samples.shape[1] == 1:
     out = np.empty(values.shape)
     for start in np.unique(whole):
-      rows = np.flatnonzero(whole[:, 0] == start)
+      rows: Any = whole[:, 0] == start
+      rows = slice(None) if rows.all() else np.flatnonzero(rows)
       near = [line[rows, start + k : start + k + last + 1] for k in range(beyond - 1, beyond + 3)]
       out[rows] = _cubic(near, part[rows])
   else:
@@ -250,9 +252,11 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
     out = _cubic(near, part)
   if extrapolate:
     return out
-  position = np.arange(last + 1) - samples
-  out = np.where(position <= 0.0, values[:, :1], out)
-  return np.where(position >= last, values[:, -1:], out)
+  for side in (slice(None, beyond), slice(-beyond, None)):  # no sample is read from farther off
+    position = np.arange(last + 1)[side] - (samples if samples.shape[1] == 1 else samples[:, side])
+    out[:, side] = np.where(position <= 0.0, values[:, :1], out[:, side])
+    out[:, side] = np.where(position >= last, values[:, -1:], out[:, side])
+  return out
 
 
 def _continued(values: Array, beyond: int) -> Array:
@@ -265,9 +269,12 @@ def _continued(values: Array, beyond: int) -> Array:
 
 def _cubic(near: Sequence[Array], part: Array) -> Array:
   """Between the middle two of four neighbours, at a share of the way from the second to the third."""
-  before, left, right, after = near
-  bend = 3.0 * (left - right) + after - before
-  return left + 0.5 * part * (right - before + part * (2.0 * before - 5.0 * left + 4.0 * right - after + part * bend))
+  square, cube = part * part, part * part * part
+  weights = 2.0 * square - part - cube, 2.0 - 5.0 * square + 3.0 * cube, part + 4.0 * square - 3.0 * cube, cube - square
+  out = 0.5 * weights[0] * near[0]
+  for weight, values in zip(weights[1:], near[1:], strict=True):
+    out += 0.5 * weight * values
+  return out
 
 
 def caught_up(start: Array, rate: Array, late: Array, *states: str) -> Array:
