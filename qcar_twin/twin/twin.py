@@ -22,7 +22,7 @@ from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
 from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, in_chain
 from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
-from qcar_twin.twin.reading import at_one_time, in_pieces
+from qcar_twin.twin.reading import at_one_time, in_pieces, rows_of
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import Slot, moves_start, under_way
@@ -210,7 +210,7 @@ class Twin:
     per_turn = max(1, rows // len(segments))
     turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
     signals = turns[0] if len(turns) == 1 else np.concatenate(turns)
-    signals = _taken(signals, same.reshape(-1))  # (n, S, T + 1, 10)
+    signals = rows_of(signals, same.reshape(-1))  # (n, S, T + 1, 10)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
     shown = self.sensed(self._in_sessions(theta, segments), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
@@ -342,11 +342,6 @@ class Twin:
     data = mujoco.MjData(self.model)
     mujoco.mj_step(self.model, data, int(1.5 / self.model.opt.timestep))
     return float(data.joint("chassis").qpos[2])
-
-
-def _taken(signals: Array, rows: NDArray[np.intp]) -> Array:
-  """Rows of signals (N, S, T + 1, 10), a copy, each signal in one piece of memory."""
-  return np.moveaxis(np.take(np.moveaxis(signals, -1, 0), rows, axis=1), 0, -1)
 
 
 def _with_rows(signals: Array, rows: Rows, shown: Array) -> Array:

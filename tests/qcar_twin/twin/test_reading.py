@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.plant import SIGNALS
-from qcar_twin.twin.reading import at_one_time, in_pieces
+from qcar_twin.twin.reading import at_one_time, in_pieces, rows_of
 
 PERIOD, SPEED, RATE = 0.01, 2.0, 8.0  # s; m/s, rad/s of a body that swings along x while it turns to and fro
 
@@ -48,3 +48,5 @@ def test_signals_in_pieces_are_the_same(rows):
   signals = np.random.default_rng(0).normal(size=(rows, 40, 10))
   shown = in_pieces(signals)
   assert np.array_equal(shown, signals) and all(shown[..., k].flags.c_contiguous for k in range(10))
+  twice = rows_of(shown, np.repeat(np.arange(rows), 2))
+  assert np.array_equal(twice[1::2], signals) and all(twice[..., k].flags.c_contiguous for k in range(10))
