@@ -30,10 +30,17 @@ def mujoco_batch(simulation: "Simulation") -> Batch:
 
 
 class _Tiled:
-  """A context of `size` cars for `count` periods, one after the other: a field is repeated once it is asked for."""
+  """A context of `size` cars for `count` periods, one after the other: a field is repeated once it is asked for.
 
-  def __init__(self, one: Context, count: int, size: int):
+  Args:
+    one: of one period.
+    commands, time: of all periods, (count * size, 2) and (count * size,).
+  """
+
+  def __init__(self, one: Context, count: int, size: int, commands: Array, time: Array):
     self._one, self._count, self._size = one, count, size
+    self.commands, self.time = commands, time
+    self.recording_time = self.over(one.recording_time) + time
 
   def over(self, values: Array) -> Array:
     """Values of the cars, (size, ...), for all periods, (count * size, ...)."""
@@ -217,13 +224,10 @@ class Simulation:
     """Commands (T, N, 2) of a mechanism without hidden state, in place."""
     count, size = len(logged), len(slot.theta)
     blind, nowhere = np.full((len(self.signals), len(SIGNALS)), np.nan), np.full((len(self.signals), 4), np.nan)
-    context = _Tiled(self._context(slot, logged[0], nowhere, 0.0, blind), count, size)
-    time = np.repeat(times, size)
-    context.time = time if self._began is None else time - context.over(self._began[slot.rows])
-    context.commands, context.recording_time = (
-      logged[:, slot.rows].reshape(-1, 2),
-      context.recording_time + context.time,
-    )
+    since = np.zeros(size) if self._began is None else self._began[slot.rows]
+    one, time = self._context(slot, logged[0], nowhere, 0.0, blind), (times[:, None] - since).reshape(-1)
+    one.recording_time = self._recording_time[slot.rows]
+    context = _Tiled(one, count, size, logged[:, slot.rows].reshape(-1, 2), time)
     came, theta = acting[:, slot.rows].reshape(-1, 2), context.over(slot.theta)
     told = slot.mechanism.command(theta, cast(Context, context), slot.state, came)
     acting[:, slot.rows] = told.reshape(count, size, 2)
