@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq
+from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
 from calibration.concealed.campaign.replay import Kept, replayed, right_names, table
@@ -108,9 +109,10 @@ def held_out_weight(seen: Stated) -> float:
   """
   if len(set(seen.right.tolist())) < 2:
     raise ValueError(f"{len(seen.right)} answers claim no name that is right and one that is not; answer more cases")
-  against = np.where(seen.right, -1.0, 1.0)
-  loss = lambda weight: float(np.sum(np.logaddexp(0.0, against * (seen.log_odds + weight * seen.change))))
-  return float(minimize_scalar(loss, bounds=(0.0, _STEEPEST), method="bounded").x)
+  slope = lambda weight: float(seen.change @ (expit(seen.log_odds + weight * seen.change) - seen.right))
+  if slope(0.0) >= 0.0:  # of the loss, which is convex
+    return 0.0
+  return _STEEPEST if slope(_STEEPEST) <= 0.0 else float(brentq(slope, 0.0, _STEEPEST))  # pyright: ignore[reportArgumentType]
 
 
 def with_weights(levels: Levels, weights: Mapping[str, float]) -> Levels:
