@@ -269,12 +269,9 @@ def _continued(values: Array, beyond: int) -> Array:
 
 def _cubic(near: Sequence[Array], part: Array) -> Array:
   """Between the middle two of four neighbours, at a share of the way from the second to the third."""
-  square, cube = part * part, part * part * part
-  weights = 2.0 * square - part - cube, 2.0 - 5.0 * square + 3.0 * cube, part + 4.0 * square - 3.0 * cube, cube - square
-  out = 0.5 * weights[0] * near[0]
-  for weight, values in zip(weights[1:], near[1:], strict=True):
-    out += 0.5 * weight * values
-  return out
+  before, left, right, after = near
+  bend = 3.0 * (left - right) + after - before
+  return left + 0.5 * part * (right - before + part * (2.0 * before - 5.0 * left + 4.0 * right - after + part * bend))
 
 
 def caught_up(start: Array, rate: Array, late: Array, *states: str) -> Array:
