@@ -1,6 +1,6 @@
 """Errors before and after the repair, on recordings that took no part, against the noise floor.
 
-"Before" is the recalibrated twin, never an uncalibrated one. The hold-out is opened here, once.
+"Before" is the recalibrated twin, never an uncalibrated one. The hold-out is opened here, for what is named.
 """
 
 import dataclasses
@@ -106,6 +106,16 @@ def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
 def change(fits: Mapping[str, ChannelFit]) -> float:
   """Geometric mean over the channels of the errors, after over before; 1 without any."""
   return ratio({n: f.after for n, f in fits.items()}, {n: f.before for n, f in fits.items()})
+
+
+def ratios(replay: Replay | None) -> dict[str, float]:
+  """Error with each mechanism of a repaired twin over that without it, `change`; empty without recordings."""
+  if replay is None:
+    return {}
+  rms = lambda error: {
+    n: float(np.sqrt(np.mean(error[replay.observations.select(n)] ** 2))) for n in replay.observations.present
+  }
+  return {name: ratio(rms(replay.after), rms(error)) for name, error in replay.without.items()}
 
 
 def recovered_share(fits: Mapping[str, ChannelFit]) -> float:

@@ -17,7 +17,7 @@ from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.formula.after import formula_left
 from calibration.diagnosis.formula.looking import STAGE
-from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
+from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins, ratios
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
@@ -134,12 +134,12 @@ def diagnose(
 def _judged(
   begun: Prepared, twin: Twin, pool: Pool, cut: Cut, clock: "_Clock", staged: Staged, formulas: bool
 ) -> Diagnosis:
-  """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened at the end."""
+  """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened for what is named."""
   clock.start("decision")
   dataset, evidence = begun.dataset, gather(pool, begun.dataset.name)
-  named = decide(evidence)
-  staged.weighed(evidence, named)
+  staged.weighed(evidence, decide(evidence))
   errors = functools.cache(lambda mechanisms, role: _before_and_after(twin, pool, mechanisms, dataset.role(role), cut))
+  named, evidence = _named(evidence, lambda model: ratios(errors(model, "holdout")[1]))
   validate, judging = errors(named.mechanisms, "validate")
   decision, unknowns, evidence = _concluded(named, pool, evidence, lambda model: errors(model, "validate")[0])
   clock.start("location")
@@ -208,6 +208,16 @@ def _searched(
     earlier = [pool.best(list(pool.models.values()))]
     clock.start("recalibration")
     baseline = recalibrate_from(baseline, pool.base.theta)
+
+
+def _named(evidence: Evidence, opening: Callable[[tuple[str, ...]], Mapping[str, float]]) -> tuple[Decision, Evidence]:
+  """The decision once held-out recordings were opened for the set that is named, and for what is named where that
+  falls; `opening`: what the names of a set do to the errors there."""
+  named = decide(evidence)
+  while named.mechanisms and not evidence.is_open(named.mechanisms):
+    evidence = evidence.with_opened(named.mechanisms, opening(named.mechanisms))
+    named = decide(evidence)
+  return named, evidence
 
 
 def _concluded(

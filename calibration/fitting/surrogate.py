@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from qcar_twin.plant import Segments
 from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.engines.reduced.cars import irreducible
+from qcar_twin.twin.reading import in_pieces
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
@@ -115,7 +116,7 @@ class Surrogate(Twin):
         unknown, self.exact.simulate(theta, some)[0] - super().simulate(theta, some)[0], strict=True
       ):
         self._corrections[keys[i]] = np.nan_to_num(change, posinf=0.0, neginf=0.0)
-    self._latest = segments, np.stack([self._corrections[key] for key in keys])
+    self._latest = segments, in_pieces(np.stack([self._corrections[key] for key in keys]))
     return self._latest[1]
 
 

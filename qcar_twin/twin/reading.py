@@ -14,6 +14,7 @@ from qcar_twin.plant import POSE, VELOCITY, YAW, YAW_RATE, signal_index
 
 Array = NDArray[np.float64]
 
+_CACHED = 30_000  # numbers that a processor keeps at hand while they are rearranged
 _ACCELERATION = slice(signal_index("accel_x"), signal_index("accel_y") + 1)
 
 
@@ -31,10 +32,25 @@ def at_one_time(signals: Array, step: float, period: float) -> Array:
   half = 0.5 * step
   yaw, velocity = signals[..., YAW], signals[..., VELOCITY]
   pace = np.empty((*signals.shape[:-1], 3))
-  pace[..., 0] = np.cos(yaw) * velocity[..., 0] - np.sin(yaw) * velocity[..., 1]
-  pace[..., 1] = np.sin(yaw) * velocity[..., 0] + np.cos(yaw) * velocity[..., 1]
+  cosine, sine = np.cos(yaw), np.sin(yaw)
+  pace[..., 0] = cosine * velocity[..., 0] - sine * velocity[..., 1]
+  pace[..., 1] = sine * velocity[..., 0] + cosine * velocity[..., 1]
   pace[..., 2] = signals[..., YAW_RATE]
   signals[..., POSE] -= half * (pace - pace[:, :1])
   felt = signals[..., _ACCELERATION]
   felt[:, :-1] += half / period * (felt[:, 1:] - felt[:, :-1])
   return signals
+
+
+def in_pieces(signals: Array) -> Array:
+  """The same signals (N, ..., 10), each in one piece of memory: sensors and residuals read one at a time."""
+  out = np.empty((signals.shape[-1], *signals.shape[:-1]))
+  rows = max(1, _CACHED // (signals[0].size or 1)) if len(signals) else 1
+  for first in range(0, len(signals), rows):
+    out[:, first : first + rows] = np.moveaxis(signals[first : first + rows], -1, 0)
+  return np.moveaxis(out, 0, -1)
+
+
+def rows_of(signals: Array, rows: NDArray[np.intp]) -> Array:
+  """Rows of signals (N, ..., 10), a copy, each signal in one piece of memory."""
+  return np.moveaxis(np.take(np.moveaxis(signals, -1, 0), rows, axis=1), 0, -1)

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from mujoco.batch import Batch
@@ -27,6 +27,36 @@ def mujoco_batch(simulation: "Simulation") -> Batch:
   if not isinstance(simulation.engine, MujocoCars):
     raise TypeError('these cars are not in MuJoCo; make the twin with engine="mujoco"')
   return simulation.engine.batch
+
+
+class _Tiled:
+  """A context of `size` cars for `count` periods, one after the other: a field is repeated once it is asked for.
+
+  Args:
+    one: of one period.
+    commands, time: of all periods, (count * size, 2) and (count * size,).
+  """
+
+  def __init__(self, one: Context, count: int, size: int, commands: Array, time: Array):
+    self._one, self._count, self._size = one, count, size
+    self.commands, self.time = commands, time
+    self.recording_time = self.over(one.recording_time) + time
+
+  def over(self, values: Array) -> Array:
+    """Values of the cars, (size, ...), for all periods, (count * size, ...)."""
+    repeated = np.broadcast_to(values, (self._count, *values.shape))
+    return repeated.reshape(self._count * self._size, *values.shape[1:])
+
+  def __getattr__(self, name: str) -> Any:
+    value = getattr(self._one, name)
+    if isinstance(value, np.ndarray):
+      value = self.over(value)
+      setattr(self, name, value)
+    return value
+
+  def signal(self, name: str) -> Array:
+    """One signal by name, (count * size,)."""
+    return self.signals[:, SIGNALS.index(name)]
 
 
 class Simulation:
@@ -193,27 +223,14 @@ class Simulation:
   def _at_once(self, slot: Slot, logged: Array, acting: Array, times: Array) -> None:
     """Commands (T, N, 2) of a mechanism without hidden state, in place."""
     count, size = len(logged), len(slot.theta)
-    over = lambda a: np.repeat(a[None], count, axis=0).reshape(count * size, *a.shape[1:])
-    time, values = np.repeat(times, size), self.engine.values
-    time = time if self._began is None else time - over(self._began[slot.rows])
-    context = Context(
-      car=self._car,
-      period=self._period,
-      time=time,  # type: ignore[arg-type]
-      signals=np.broadcast_to(np.nan, (count * size, len(SIGNALS))),
-      commands=logged[:, slot.rows].reshape(-1, 2),
-      history=over(self._history[slot.rows]),
-      recording_time=over(self._recording_time[slot.rows]) + time,
-      pose=np.broadcast_to(np.nan, (count * size, 3)),
-      wheel_angle=np.broadcast_to(np.nan, count * size),
-      torque_per_volt=over(values["torque_per_volt"][slot.rows]),
-      motor_damping=over(values["motor_damping"][slot.rows]),
-      max_torque=over(values["max_torque"][slot.rows]) if "max_torque" in values else np.inf,
-      drive_hold=over(values["drive_hold"][slot.rows]),
-      lead=over(self._lead[slot.rows]),
-    )
-    came = acting[:, slot.rows].reshape(-1, 2)
-    acting[:, slot.rows] = slot.mechanism.command(over(slot.theta), context, slot.state, came).reshape(count, size, 2)
+    blind, nowhere = np.full((len(self.signals), len(SIGNALS)), np.nan), np.full((len(self.signals), 4), np.nan)
+    since = np.zeros(size) if self._began is None else self._began[slot.rows]
+    one, time = self._context(slot, logged[0], nowhere, 0.0, blind), (times[:, None] - since).reshape(-1)
+    one.recording_time = self._recording_time[slot.rows]
+    context = _Tiled(one, count, size, logged[:, slot.rows].reshape(-1, 2), time)
+    came, theta = acting[:, slot.rows].reshape(-1, 2), context.over(slot.theta)
+    told = slot.mechanism.command(theta, cast(Context, context), slot.state, came)
+    acting[:, slot.rows] = told.reshape(count, size, 2)
 
   def _step(
     self, logged: Array, acting: Array, slots: Sequence[Slot], pose: Array | None, running: NDArray[np.intp] | None

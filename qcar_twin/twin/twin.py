@@ -22,7 +22,7 @@ from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
 from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, in_chain
 from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
-from qcar_twin.twin.reading import at_one_time
+from qcar_twin.twin.reading import at_one_time, in_pieces, rows_of
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import Slot, moves_start, under_way
@@ -210,8 +210,7 @@ class Twin:
     per_turn = max(1, rows // len(segments))
     turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
     signals = turns[0] if len(turns) == 1 else np.concatenate(turns)
-    same = same.reshape(-1)
-    signals = signals if np.array_equal(same, np.arange(len(stepped))) else signals[same]  # (n, S, T + 1, 10)
+    signals = rows_of(signals, same.reshape(-1))  # (n, S, T + 1, 10)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
     shown = self.sensed(self._in_sessions(theta, segments), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
@@ -248,7 +247,7 @@ class Twin:
       cars = self.begin(theta[rows], start[rows], some(history), *about, some(rim), some(lead))
       driven = cars.run(commands[:, rows], pose[rows], ends[rows])
       signals = driven if len(groups) == 1 else _with_rows(signals, rows, driven)
-    signals = at_one_time(signals, self.period / self.substeps, self.period)
+    signals = at_one_time(in_pieces(signals), self.period / self.substeps, self.period)
     return signals.reshape(n, size, length + 1, len(SIGNALS))
 
   def _in_sessions(self, theta: Array, segments: Segments) -> Array:

@@ -52,12 +52,17 @@ def kept_cases(results: Iterable[Mapping[str, Any]]) -> Iterator[Kept]:
     truth = result["truth"]
     if isinstance(truth, Mapping):  # of an exam, whose table names all that is right
       name, kind, generator = result["name"], truth["kind"], truth["car"]["generator"]
-      effects = [e["right"] for e in truth["effects"]]
+      effects = tuple(frozenset(e["right"]) for e in truth["effects"])
     else:
       name, kind, generator = result["case"]["name"], result["case"]["kind"], result["case"].get("car", "first")
-      own = lambda t: [t["id"], *FIGURES.get(t["id"], ())] if t.get("in_catalogue", True) else []
-      effects = [t["right"] if "right" in t else own(t) for t in truth]
-    yield Kept(name, kind, tuple(map(frozenset, effects)), from_json(evidence, name), generator)
+      effects = right_names(truth)
+    yield Kept(name, kind, effects, from_json(evidence, name), generator)
+
+
+def right_names(truth: Sequence[Mapping[str, Any]]) -> tuple[frozenset[str], ...]:
+  """For each effect of a campaign's case the names that are right for it; empty where the catalogue has none."""
+  own = lambda t: [t["id"], *FIGURES.get(t["id"], ())] if t.get("in_catalogue", True) else []
+  return tuple(frozenset(t["right"] if "right" in t else own(t)) for t in truth)
 
 
 def read_results(source: Path) -> list[dict[str, Any]]:

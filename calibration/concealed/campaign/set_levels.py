@@ -1,23 +1,29 @@
 """The weights of what is claimed, from kept evidence: a logistic regression of "the name is there"."""
 
 import dataclasses
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
-from calibration.concealed.campaign.replay import Kept, replayed, table
+from calibration.concealed.campaign.replay import Kept, replayed, right_names, table
 from calibration.concealed.campaign.score import expected_error
 from calibration.diagnosis.decision.levels import Levels
+from calibration.diagnosis.holdout_errors import ratio
 from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 
 Array = NDArray[np.float64]
 
 WEIGHTS = ("constant", "t", "margin")
+_STEEPEST = 10.0  # log odds: a weight of held-out recordings that was fitted to too little ends there
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +72,47 @@ def fitted_weights(cases: Sequence[Kept], levels: Levels) -> dict[str, float]:
   slopes = np.ravel(regression.coef_) / spread
   constant = float(np.ravel(regression.intercept_)[0] - slopes @ middle)
   return dict(zip(WEIGHTS, (constant, *map(float, slopes)), strict=True))
+
+
+@dataclasses.dataclass(frozen=True)
+class Stated:
+  """N only claims of answers: their stated log odds, what they do to held-out recordings (`Levels.change`), whether
+  they are right, (N,) each."""
+
+  log_odds: Array
+  change: Array
+  right: NDArray[np.bool_]
+
+
+def stated(results: Iterable[Mapping[str, Any]], levels: Levels) -> Stated:
+  """Answers about no effect or one that claim one name, where held-out recordings were not asked before."""
+  rows = []
+  for result in results:
+    answer, case = result["answer"], result.get("case", {})
+    claims, fits = answer.get("claims", ()), answer.get("fit", {}).get("holdout") or {}
+    asked = answer.get("evidence", {}).get("opened")
+    if case.get("kind") not in ("null", "single") or len(claims) != 1 or not fits or asked:
+      continue
+    after, before = ({name: fit[key] for name, fit in fits.items()} for key in ("after", "before"))
+    right = claims[0]["mechanism"] in frozenset().union(*right_names(result["truth"]))
+    likely = claims[0]["probability"]
+    rows.append((math.log(likely / (1.0 - likely)), levels.change(ratio(after, before)), right))
+  log_odds, change, right = np.array(rows, dtype=np.float64).reshape(-1, 3).T
+  return Stated(log_odds, change, right > 0.0)
+
+
+def held_out_weight(seen: Stated) -> float:
+  """What held-out recordings add to a claim's log odds: a logistic regression beside what was stated.
+
+  Raises:
+    ValueError: all claims are right or all wrong.
+  """
+  if len(set(seen.right.tolist())) < 2:
+    raise ValueError(f"{len(seen.right)} answers claim no name that is right and one that is not; answer more cases")
+  slope = lambda weight: float(seen.change @ (expit(seen.log_odds + weight * seen.change) - seen.right))
+  if slope(0.0) >= 0.0:  # of the loss, which is convex
+    return 0.0
+  return _STEEPEST if slope(_STEEPEST) <= 0.0 else float(brentq(slope, 0.0, _STEEPEST))  # pyright: ignore[reportArgumentType]
 
 
 def with_weights(levels: Levels, weights: Mapping[str, float]) -> Levels:

@@ -1,17 +1,18 @@
 """The decision: what may be claimed by name.
 
 Of the sets that fit best, one name first and one more at a time, that is claimed in which every name is more likely
-right than wrong, see `weighing`. Whether something nameless remains is `conclude`'s question.
+right than wrong, see `weighing`. Held-out recordings, once opened for a set, tell how likely its names are, and not
+which set is likelier. Whether something nameless remains is `conclude`'s question.
 """
 
 import dataclasses
 import math
 from collections.abc import Sequence
 
-from calibration.diagnosis.decision.claims import Claim, claim, sensor_claims
+from calibration.diagnosis.decision.claims import Claim, claim, seen, sensor_claims
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.departures import Departure, departures, needed
-from calibration.diagnosis.decision.evidence import Evidence, Model
+from calibration.diagnosis.decision.evidence import Evidence, Model, Named
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.decision.weighing import probability
@@ -79,9 +80,11 @@ def _likeliest(evidence: Evidence, size: int, best: Model, levels: Levels) -> tu
   """Of the sets of a size in which every name is likely enough, and which go beyond a smaller one, the likeliest."""
   found = []
   for model in evidence.of_size(size):
-    names = [claim(name, model, evidence, levels) for name in model.names]
-    if min(c.probability for c in names) >= levels.claim and _goes_beyond(model, best, levels):
-      found.append((math.prod(c.probability for c in names), model, names))
+    weighed = [claim(name, model, evidence, levels) for name in model.names]
+    names = [seen(c, model, evidence, levels) for c in weighed]
+    enough = min(c.probability for c in (*weighed, *names)) >= levels.claim
+    if enough and _goes_beyond(model, best, levels):
+      found.append((math.prod(c.probability for c in weighed), model, names))
   return max(found, key=lambda f: f[0])[1:] if found else None
 
 
@@ -106,21 +109,30 @@ def _nearest(evidence: Evidence, levels: Levels) -> str:
   best = max(_singles(evidence, levels), key=lambda c: c.probability, default=None)
   if best is None or best.probability == 0.0:
     return ""
+  ratio = evidence.held_out_ratio((best.mechanism,), best.mechanism) or 1.0
+  worse = f" With it the error on held-out recordings is {ratio - 1.0:.1%} larger." if ratio > 1.0 else ""
   return (
     f"The likeliest name is {best.mechanism}, with a probability of {best.probability:.2f} where {levels.claim:g} is"
-    " needed."
+    f" needed.{worse}"
   )
 
 
 def _singles(evidence: Evidence, levels: Levels) -> list[Claim]:
-  return [claim(name, model, evidence, levels) for model in evidence.of_size(1) for name in model.names]
+  each = ((name, model) for model in evidence.of_size(1) for name in model.names)
+  return [seen(claim(name, model, evidence, levels), model, evidence, levels) for name, model in each]
 
 
 def _possible(evidence: Evidence, claims: Sequence[Claim], levels: Levels) -> tuple[str, ...]:
   """Mechanisms likely enough alone and not claimed: at a bound, too small to matter, perhaps chance, shared."""
   named = {c.mechanism for c in claims}
   singles = [name for model in evidence.of_size(1) for name in model.names if name.name not in named]
-  return tuple(n.name for n in singles if probability(n, levels) >= levels.claim)
+  return tuple(n.name for n in singles if _alone(n, evidence, levels) >= levels.claim)
+
+
+def _alone(name: Named, evidence: Evidence, levels: Levels) -> float:
+  """Probability of the only name of a model, whether or not it counts."""
+  ratio, likely = evidence.held_out_ratio((name.name,), name.name), probability(name, levels)
+  return likely if ratio is None else levels.after_holdout(likely, ratio)
 
 
 def _ranking(evidence: Evidence, claims: Sequence[Claim]) -> tuple[tuple[str, float], ...]:

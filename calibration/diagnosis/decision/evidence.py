@@ -220,6 +220,22 @@ class HeldOutError:
 
 
 @dataclasses.dataclass(frozen=True)
+class HeldOutRatio:
+  """Error on held-out recordings with a name of a model over that without it, geometric mean over the channels."""
+
+  name: str
+  ratio: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Opened:
+  """A model that held-out recordings were opened for, with what each of its names does to their errors."""
+
+  mechanisms: tuple[str, ...]
+  ratios: tuple[HeldOutRatio, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Evidence:
   """What is known of a data set when its models are fitted.
 
@@ -229,6 +245,7 @@ class Evidence:
     scanned: every mechanism.
     remaining: structure left by the models that were looked at.
     errors: hold-out errors, once those recordings were opened.
+    opened: models that held-out recordings were opened for.
   """
 
   dataset: str
@@ -236,6 +253,7 @@ class Evidence:
   scanned: tuple[Scanned, ...]
   remaining: tuple[Remaining, ...] = ()
   errors: tuple[HeldOutError, ...] = ()
+  opened: tuple[Opened, ...] = ()
 
   @property
   def base(self) -> Model:
@@ -253,6 +271,19 @@ class Evidence:
   def with_left(self, mechanisms: tuple[str, ...], items: Iterable[Leftover]) -> "Evidence":
     """The same with what a model leaves."""
     return dataclasses.replace(self, remaining=(*self.remaining, rounded(Remaining(mechanisms, tuple(items)))))
+
+  def is_open(self, mechanisms: tuple[str, ...]) -> bool:
+    """Whether held-out recordings were opened for a model."""
+    return any(o.mechanisms == mechanisms for o in self.opened)
+
+  def held_out_ratio(self, mechanisms: tuple[str, ...], name: str) -> float | None:
+    """Error with a name of a model over that without it, on held-out recordings; None where they were not opened."""
+    return next((r.ratio for o in self.opened if o.mechanisms == mechanisms for r in o.ratios if r.name == name), None)
+
+  def with_opened(self, mechanisms: tuple[str, ...], ratios: Mapping[str, float]) -> "Evidence":
+    """The same with what a model's names do to the errors on held-out recordings."""
+    opened = Opened(mechanisms, tuple(HeldOutRatio(name, ratio) for name, ratio in ratios.items()))
+    return dataclasses.replace(self, opened=(*self.opened, rounded(opened)))
 
 
 def rounded(value: Any) -> Any:

@@ -4,7 +4,9 @@
     l(n) = sign(n) ln(1 + |n| / near)
 
 The three weights are fitted to kept evidence by `qcar-twin set-levels`; what every number is and where it comes
-from stands in levels.toml.
+from stands in levels.toml. Once held-out recordings were opened for a name that changes their error by the factor r,
+
+    logit P = constant + ... + held max(-1, min(-ln r / gain, 1))
 """
 
 import dataclasses
@@ -24,6 +26,8 @@ class Levels:
 
   Attributes:
     constant, t, margin: weights of the logistic.
+    held: what a name's log odds gain where it lowers the error on held-out recordings by `gain`, and lose where it
+      raises it by as much.
     cap: nats that a block can bring to the decision, so that no single event decides.
     wide: the same for how much there is to explain at all, in caps.
     least_spread: least standard deviation of the blocks' gains, in caps: where every block brings the cap, t would be a
@@ -56,6 +60,7 @@ class Levels:
   constant: float
   t: float
   margin: float
+  held: float
   cap: float
   wide: float
   least_spread: float
@@ -98,6 +103,15 @@ class Levels:
     """
     far, ahead = self.figures(t, margin)
     return 1.0 / (1.0 + math.exp(-self.constant - (self.t * far + self.margin * ahead)))
+
+  def change(self, ratio: float) -> float:
+    """What the weight `held` multiplies, where a name changes the error on held-out recordings by a factor."""
+    return max(-1.0, min(-math.log(ratio) / self.gain, 1.0)) if 0.0 < ratio < math.inf else -1.0
+
+  def after_holdout(self, probability: float, ratio: float) -> float:
+    """A probability once it is seen by which factor the name changes the error on held-out recordings."""
+    odds = probability * math.exp(self.held * self.change(ratio))
+    return odds / (odds + 1.0 - probability)
 
 
 def read_levels(file: Path = FILE) -> Levels:

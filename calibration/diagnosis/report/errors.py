@@ -17,7 +17,7 @@ from qcar_twin.pages.page import Figure
 Fits = Mapping[str, ChannelFit]
 Roles = Mapping[str, Fits]
 NO_CURVES: Roles = {}
-ROLES = {"holdout": "Held-out recordings, opened once at the end", "validate": "Validation recordings"}
+ROLES = {"holdout": "Held-out recordings, opened at the end", "validate": "Validation recordings"}
 TITLE = "Errors before and after"
 _HUNDREDFOLD = 100.0  # of the noise, a choice of words: no decision hangs on it
 

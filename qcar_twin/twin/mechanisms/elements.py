@@ -5,6 +5,7 @@ Pure functions of arrays with the simulations along the first axis; no mechanism
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -241,7 +242,8 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
   if samples.shape[1] == 1:
     out = np.empty(values.shape)
     for start in np.unique(whole):
-      rows = np.flatnonzero(whole[:, 0] == start)
+      rows: Any = whole[:, 0] == start
+      rows = slice(None) if rows.all() else np.flatnonzero(rows)
       near = [line[rows, start + k : start + k + last + 1] for k in range(beyond - 1, beyond + 3)]
       out[rows] = _cubic(near, part[rows])
   else:
@@ -250,9 +252,11 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
     out = _cubic(near, part)
   if extrapolate:
     return out
-  position = np.arange(last + 1) - samples
-  out = np.where(position <= 0.0, values[:, :1], out)
-  return np.where(position >= last, values[:, -1:], out)
+  for side in (slice(None, beyond), slice(-beyond, None)):  # no sample is read from farther off
+    position = np.arange(last + 1)[side] - (samples if samples.shape[1] == 1 else samples[:, side])
+    out[:, side] = np.where(position <= 0.0, values[:, :1], out[:, side])
+    out[:, side] = np.where(position >= last, values[:, -1:], out[:, side])
+  return out
 
 
 def _continued(values: Array, beyond: int) -> Array:

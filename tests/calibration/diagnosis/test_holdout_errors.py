@@ -11,8 +11,10 @@ from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.veto import surely_worse
 from calibration.diagnosis.holdout_errors import (
   ChannelFit,
+  Replay,
   channel_fit,
   held_out_error,
+  ratios,
   recovered_share,
   share_removed,
 )
@@ -77,3 +79,10 @@ def test_one_block_of_driving_has_no_interval_and_forbids_no_twin():
   assert row[-1] is None
   two = channel_fit(observations, errors, "yaw_rate", floors, np.random.default_rng(0))
   assert two.ci95 == pytest.approx((0.1, 0.1)) and len(np.unique(observations.block)) > 1
+
+
+def test_what_each_name_does_is_told_against_the_twin_without_it():
+  observations = observe(drive(1)[:1], VEHICLE)
+  left = lambda error: np.full(len(observations), error)
+  replay = Replay(observations, left(2.0), left(0.5), {"side_force": left(0.4), "steering_offset": left(2.0)})
+  assert ratios(replay) == pytest.approx({"side_force": 1.25, "steering_offset": 0.25}) and ratios(None) == {}

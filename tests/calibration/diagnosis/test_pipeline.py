@@ -23,3 +23,18 @@ def test_the_errors_of_a_name_too_small_to_claim_are_its_own(offset_pool, monkey
   whole = lambda model: [i.nats for i in evidence.left(model) or () if i.family == "error"]
   assert whole(()) == pytest.approx([20.0]) and whole(("steering_offset",)) == pytest.approx([2.0])
   assert decision.verdict == "no_mismatch"
+
+
+def test_held_out_recordings_are_opened_for_what_is_named_and_for_nothing_else(pair_pool):
+  evidence, asked = gather(pair_pool), []
+
+  def opening(mechanisms, ratio):
+    asked.append(mechanisms)
+    return dict.fromkeys(mechanisms, ratio)
+
+  named, seen = pipeline._named(evidence, lambda m: opening(m, 0.5))
+  assert asked == [named.mechanisms] == [("side_force", "steering_offset")] and seen.is_open(named.mechanisms)
+  asked.clear()
+  named, seen = pipeline._named(evidence, lambda m: opening(m, 2.0))
+  assert len(asked) == len(set(asked)) and all(seen.is_open(m) for m in asked)
+  assert named == pipeline.decide(seen)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.plant import SIGNALS
-from qcar_twin.twin.reading import at_one_time
+from qcar_twin.twin.reading import at_one_time, in_pieces, rows_of
 
 PERIOD, SPEED, RATE = 0.01, 2.0, 8.0  # s; m/s, rad/s of a body that swings along x while it turns to and fro
 
@@ -41,3 +41,12 @@ def test_positions_and_accelerations_are_those_of_the_velocities_time():
 
 def test_half_the_step_leaves_a_quarter_of_a_positions_error():
   assert np.all(swinging(0.0025, read=True)[:2] < 0.3 * swinging(0.005, read=True)[:2])
+
+
+@pytest.mark.parametrize("rows", [1, 7, 500])
+def test_signals_in_pieces_are_the_same(rows):
+  signals = np.random.default_rng(0).normal(size=(rows, 40, 10))
+  shown = in_pieces(signals)
+  assert np.array_equal(shown, signals) and all(shown[..., k].flags.c_contiguous for k in range(10))
+  twice = rows_of(shown, np.repeat(np.arange(rows), 2))
+  assert np.array_equal(twice[1::2], signals) and all(twice[..., k].flags.c_contiguous for k in range(10))

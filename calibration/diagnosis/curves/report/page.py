@@ -247,7 +247,7 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
   if diagnosed:
     text += " This base was recalibrated for the curves, and so differs from the one the diagnosis began with."
   roles = (
-    ("holdout", "Held-out recordings, opened once at the end", found.errors),
+    ("holdout", "Held-out recordings, opened at the end", found.errors),
     ("validate", "Validation recordings, which decide what is written", found.judged),
   )
   repaired = lambda role: {"diagnosed": diagnosed[role]} if diagnosed.get(role) else {}

@@ -10,9 +10,12 @@ import pytest
 from calibration.concealed.campaign.replay import Kept
 from calibration.concealed.campaign.set_levels import (
   WEIGHTS,
+  Stated,
   fitted_weights,
+  held_out_weight,
   judged_apart,
   log_loss,
+  stated,
   weighed,
   with_weights,
   write_weights,
@@ -113,19 +116,49 @@ def test_what_is_written_is_fitted_to_the_archive_it_names(tmp_path, capsys):
   write_kept(tmp_path / "first.jsonl.xz", drawn(TRUTH, 60))
   write_kept(tmp_path / "second.jsonl.xz", drawn(TRUTH, 60, seed=1, generator="second"))
   sources = (tmp_path / "first.jsonl.xz", tmp_path / "second.jsonl.xz")
-  said = set_levels.main(set_levels.Config(sources, out, archive))
+  said = set_levels.main(set_levels.Config(out, sources, archive=archive))
   assert said.startswith("120 cases: constant ") and said in capsys.readouterr().out
   entry = tomllib.loads(out.read_text())["t"]
   assert entry["source"] == "logistic regression on 120 cases of first, second, every generator counted alike"
   assert entry["command"] == f"qcar-twin set-levels --answers {archive} --out levels.toml"
-  set_levels.main(set_levels.Config((archive,), tmp_path / "again" / "levels.toml"))
+  set_levels.main(set_levels.Config(tmp_path / "again" / "levels.toml", (archive,)))
   assert (tmp_path / "again" / "levels.toml").read_text() == out.read_text()
+
+
+def answer(probability, ratio, right=True, kind="single", name="steering_lag", **more):
+  """An answered case with one claim, and what its twin does to the error on held-out recordings."""
+  truth = [{"id": name if right else "battery_sag"}] if kind != "null" else []
+  claims = [{"mechanism": name, "probability": probability}]
+  fit = {"holdout": {"yaw_rate": {"before": 2.0, "after": 2.0 * ratio}}}
+  return {"case": {"kind": kind}, "truth": truth, "answer": {"claims": claims, "fit": fit} | more}
+
+
+def test_only_claims_tell_what_held_out_recordings_are_worth_where_these_were_not_asked():
+  two = answer(0.9, 0.5)
+  two["answer"]["claims"] *= 2
+  asked = answer(0.9, 0.5, evidence={"opened": [{"mechanisms": ["steering_lag"], "ratios": []}]})
+  rows = [answer(0.5, 1.0 - 1e-12), answer(0.9, 3.0, kind="null"), two, asked, answer(0.9, 0.5, kind="pair")]
+  seen = stated([*rows, answer(0.9, 0.5, right=False)], LEVELS)
+  assert seen.log_odds == pytest.approx([0.0, np.log(9.0), np.log(9.0)])
+  assert seen.change == pytest.approx([0.0, -1.0, 1.0], abs=1e-9) and seen.right.tolist() == [True, False, False]
+
+
+def test_what_held_out_recordings_are_worth_is_found_again():
+  random = np.random.default_rng(3)
+  odds, change = random.uniform(0.0, 3.0, 20_000), random.uniform(-1.0, 1.0, 20_000)
+  right = random.random(len(odds)) < 1.0 / (1.0 + np.exp(-odds - 0.8 * change))
+  assert held_out_weight(Stated(odds, change, right)) == pytest.approx(0.8, abs=0.1)
+  with pytest.raises(ValueError, match="answer more cases"):
+    held_out_weight(Stated(odds, change, np.ones(len(odds), dtype=bool)))
+  with pytest.raises(ValueError, match="--stated"):
+    set_levels.main(set_levels.Config(ROOT / "levels.toml"))
 
 
 @pytest.mark.slow
 def test_the_installed_levels_are_those_of_the_archive_they_name(tmp_path):
   """So that no number that decides is older or newer than what it is said to come from."""
-  _, words = tomllib.loads(FILE.read_text())["constant"]["command"].split(" --answers ")
-  archives = tuple(ROOT / part for part in words.split(" --")[0].split())
-  set_levels.main(set_levels.Config(archives, tmp_path / "levels.toml"))
+  table = tomllib.loads(FILE.read_text())
+  of = lambda level: table[level]["command"].split("--")[1].split()[1:]
+  answers, said = (tuple(ROOT / part for part in of(level)) for level in ("constant", "held"))
+  set_levels.main(set_levels.Config(tmp_path / "levels.toml", answers, said))
   assert dataclasses.astuple(read_levels(tmp_path / "levels.toml")) == dataclasses.astuple(LEVELS)

@@ -62,6 +62,40 @@ def test_the_order_of_models_names_and_mechanisms_is_irrelevant(evidence, random
   assert decide(other) == decide(evidence)
 
 
+BOTH = ("side_force", "steering_offset")
+
+
+@pytest.mark.parametrize(("ratio", "gain"), [(0.5, 1.0), (1.0, 0.0), (math.exp(0.5 * LEVELS.gain), -0.5), (3.0, -1.0)])
+def test_a_name_is_worth_what_it_does_to_held_out_recordings(evidence, ratio, gain):
+  sure = dataclasses.replace(LEVELS, constant=LEVELS.constant + 2.0)  # both are claimed, whatever is seen there
+  opened = evidence.with_opened(BOTH, {"side_force": ratio})
+  before, after = decide(evidence, sure), decide(opened, sure)
+  assert opened.is_open(BOTH) and not evidence.is_open(BOTH)
+  assert from_json(as_json(opened)) == opened
+  odds = lambda d: {c.mechanism: c.probability / (1.0 - c.probability) for c in d.claims}
+  assert odds(after)["steering_offset"] == odds(before)["steering_offset"]
+  change = math.log(odds(after)["side_force"] / odds(before)["side_force"])
+  assert change == pytest.approx(LEVELS.held * gain, abs=1e-3)
+
+
+def test_a_name_falls_that_makes_held_out_recordings_worse_and_no_other_for_it(evidence):
+  least = min(c.probability for c in decide(evidence).claims)
+  doubtful = dataclasses.replace(LEVELS, constant=LEVELS.constant - 0.9 * math.log(least / (1.0 - least)))
+  assert {c.mechanism for c in decide(evidence, doubtful).claims} == set(BOTH)
+  opened = evidence.with_opened(BOTH, dict.fromkeys(BOTH, 2.0))
+  fallen = decide(opened, doubtful)
+  assert fallen.mechanisms != BOTH
+  better = evidence.with_opened(BOTH, dict.fromkeys(BOTH, 0.5))
+  assert decide(better, doubtful).mechanisms == decide(evidence, doubtful).mechanisms
+  never = dataclasses.replace(doubtful, constant=-30.0)  # what was not likely is not made so by them
+  assert not decide(better, never).claims
+
+
+@pytest.mark.parametrize("ratio", [0.0, math.inf, math.nan])
+def test_a_twin_that_flies_apart_on_held_out_recordings_speaks_against_its_names(ratio):
+  assert LEVELS.change(ratio) == -1.0
+
+
 def changed(evidence, name, change):
   """Evidence with a name's figures changed wherever it was weighed."""
   one = lambda n: change(n) if n.name == name else n

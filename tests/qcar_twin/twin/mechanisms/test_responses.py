@@ -60,6 +60,13 @@ def test_steering_holds_until_the_command_has_left_its_dead_band():
   np.testing.assert_allclose(acting, [0.0, 0.0, 0.03, 0.03, 0.0], atol=2e-4)
 
 
+def test_a_servo_that_rounds_knows_whole_steps():
+  acting = act("steering_resolution", [1.0, 0.06], [0.0, 0.015, 0.045, 0.06, -0.015, 0.315], STEER)
+  np.testing.assert_allclose(acting, [0.0, 0.0, 0.06, 0.06, 0.0, 0.3], atol=0.02 * 0.06)
+  half = act("steering_resolution", [0.5, 0.06], [0.015, 0.045], STEER)
+  np.testing.assert_allclose(half, [0.0075, 0.0525], atol=0.02 * 0.06)
+
+
 def test_steering_compliance_settles_where_force_and_twist_agree():
   """A steady turn: F_yf = m l_r a_y / L; the angle ends at u - c F_yf."""
   driven = motion(200, accel_y=2.0, yaw_rate=1.3)
