@@ -60,13 +60,11 @@ def claim(name: Named, model: Model, evidence: Evidence, levels: Levels) -> Clai
 
 
 def seen(claim: Claim, model: Model, evidence: Evidence, levels: Levels) -> Claim:
-  """A claim of a model once it is known what it does to the error on held-out recordings; as it is where it is not.
+  """A claim of a model once it is known what it does to the error on held-out recordings.
 
   What a wrong name explains is often not there in other driving; so it is doubted, with the names like it.
   """
   ratio = evidence.held_out_ratio(model.mechanisms, claim.mechanism)
-  if ratio is None:
-    return claim
   after = lambda probability: levels.after_holdout(probability, ratio)
   return dataclasses.replace(claim, probability=after(claim.probability), shared=after(claim.shared))
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from calibration.diagnosis.decision.claims import Claim, claim, seen, sensor_claims
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.departures import Departure, departures, needed
-from calibration.diagnosis.decision.evidence import Evidence, Model, Named
+from calibration.diagnosis.decision.evidence import Evidence, Model
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.decision.weighing import probability
@@ -110,7 +110,8 @@ def _nearest(evidence: Evidence, levels: Levels) -> str:
   if best is None or best.probability == 0.0:
     return ""
   ratio = evidence.held_out_ratio((best.mechanism,), best.mechanism) or 1.0
-  worse = f" With it the error on held-out recordings is {ratio - 1.0:.1%} larger." if ratio > 1.0 else ""
+  share = f"{ratio - 1.0:.1%}".replace("%", " %")
+  worse = f" With it the error on held-out recordings is {share} larger." if ratio > 1.0 else ""
   return (
     f"The likeliest name is {best.mechanism}, with a probability of {best.probability:.2f} where {levels.claim:g} is"
     f" needed.{worse}"
@@ -126,13 +127,9 @@ def _possible(evidence: Evidence, claims: Sequence[Claim], levels: Levels) -> tu
   """Mechanisms likely enough alone and not claimed: at a bound, too small to matter, perhaps chance, shared."""
   named = {c.mechanism for c in claims}
   singles = [name for model in evidence.of_size(1) for name in model.names if name.name not in named]
-  return tuple(n.name for n in singles if _alone(n, evidence, levels) >= levels.claim)
-
-
-def _alone(name: Named, evidence: Evidence, levels: Levels) -> float:
-  """Probability of the only name of a model, whether or not it counts."""
-  ratio, likely = evidence.held_out_ratio((name.name,), name.name), probability(name, levels)
-  return likely if ratio is None else levels.after_holdout(likely, ratio)
+  opened = lambda name: evidence.held_out_ratio((name,), name)
+  likely = lambda n: levels.after_holdout(probability(n, levels), opened(n.name))
+  return tuple(n.name for n in singles if likely(n) >= levels.claim)
 
 
 def _ranking(evidence: Evidence, claims: Sequence[Claim]) -> tuple[tuple[str, float], ...]:

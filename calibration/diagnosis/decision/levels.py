@@ -108,8 +108,11 @@ class Levels:
     """What the weight `held` multiplies, where a name changes the error on held-out recordings by a factor."""
     return max(-1.0, min(-math.log(ratio) / self.gain, 1.0)) if 0.0 < ratio < math.inf else -1.0
 
-  def after_holdout(self, probability: float, ratio: float) -> float:
-    """A probability once it is seen by which factor the name changes the error on held-out recordings."""
+  def after_holdout(self, probability: float, ratio: float | None) -> float:
+    """A probability once it is seen by which factor the name changes the error on held-out recordings; as it is where
+    they were not opened for it, None."""
+    if ratio is None:
+      return probability
     odds = probability * math.exp(self.held * self.change(ratio))
     return odds / (odds + 1.0 - probability)
 

@@ -91,6 +91,15 @@ def test_a_name_falls_that_makes_held_out_recordings_worse_and_no_other_for_it(e
   assert not decide(better, never).claims
 
 
+def test_who_is_told_of_a_name_that_is_not_likely_enough_is_told_what_it_makes_worse(evidence):
+  strict = dataclasses.replace(LEVELS, constant=LEVELS.constant - 4.0)
+  told = decide(evidence, strict).nearest
+  name = told.removeprefix("The likeliest name is ").split(",")[0]
+  assert name in BOTH and "held-out" not in told
+  again = decide(evidence.with_opened((name,), {name: 1.004}), strict).nearest
+  assert f"is {name}," in again and "the error on held-out recordings is 0.4 % larger" in again
+
+
 @pytest.mark.parametrize("ratio", [0.0, math.inf, math.nan])
 def test_a_twin_that_flies_apart_on_held_out_recordings_speaks_against_its_names(ratio):
   assert LEVELS.change(ratio) == -1.0
