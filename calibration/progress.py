@@ -34,23 +34,23 @@ curves the seconds of a car whose mismatch stayed unexplained. 0: not foreseen, 
 
 NONE: Plan = MappingProxyType({})
 CHECK: Plan = MappingProxyType({"noise and timing": 1.0, "two sensors of one motion": 1.0})
-CALIBRATION: Plan = MappingProxyType({"identification": 5.0, "recalibration|fit ": 30.0, "comparison": 3.0})
+CALIBRATION: Plan = MappingProxyType({"identification": 6.0, "recalibration|fit ": 65.0, "comparison": 7.0})
 CROSS_VALIDATION: Plan = MappingProxyType(
-  {"identification ": 1.0, "windows of": 1.0, "free run": 2.0, "where the models part": 2.0}
+  {"identification ": 1.0, "windows of": 3.0, "free run": 2.0, "where the models part": 2.0}
 )
 DIAGNOSIS: Plan = MappingProxyType(
   {
-    "recalibration": 30.0,
-    "scan": 5.0,
-    "refitting single mechanisms": 36.0,
-    "refitting pairs": 10.0,
+    "recalibration": 65.0,
+    "scan": 10.0,
+    "refitting single mechanisms": 53.0,
+    "refitting pairs": 24.0,
     "refitting triples": 4.0,
-    "polishing the best model": 13.0,
-    "decision": 14.0,
+    "polishing the best model": 73.0,
+    "decision": 54.0,
     "location": 0.5,
     "hold-out": 1.0,
     "formula for the rest": 0.0,
-    "film and report": 5.0,
+    "film and report": 19.0,
     "free curves": 0.0,
   }
 )
@@ -118,7 +118,7 @@ class Stages:
     self._names = [[start.strip() for start in name.split("|")] for name in plan]
     self._seconds = list(plan.values())
     self._at, self._share, self._began, self._last = -1, 0.0, time.monotonic(), ""
-    self._entered = self._began  # of the latest stage that was not foreseen
+    self._entered = self._began  # the present stage
 
   def reached(self, text: str, share: float | None) -> bool:
     """Note what a run says; whether a stage of the plan begins with it."""
@@ -130,9 +130,7 @@ class Stages:
     if at is None:
       self._share = self._share if share is None else share
       return False
-    self._at, self._share = at, share or 0.0
-    if self._seconds[at] <= 0.0:
-      self._entered = time.monotonic()
+    self._at, self._share, self._entered = at, share or 0.0, time.monotonic()
     return True
 
   def line(self, text: str) -> str:
@@ -146,17 +144,24 @@ class Stages:
   def left(self) -> float | None:
     """Seconds, from how much longer than planned it took until now; None where nothing is known yet.
 
-    Of a stage that was not foreseen, from how much longer it took than its share; what follows goes at the pace before.
+    A stage that says no share of itself goes at the pace of those before, and once it takes longer than that, as if it
+    ended now. Of a stage that was not foreseen, from how much longer it took than its share; what follows goes at the
+    pace before.
     """
-    now, after = time.monotonic(), sum(self._seconds[self._at + 1 :])
-    rest = after + (1.0 - self._share) * self._seconds[self._at]
-    done = sum(self._seconds) - rest
-    if self._seconds[self._at] > 0.0:
-      return (now - self._began) * rest / done if done > 0.0 else None
-    if self._share <= 0.0:
+    now, planned = time.monotonic(), self._seconds[self._at]
+    before, after = sum(self._seconds[: self._at]), sum(self._seconds[self._at + 1 :])
+    pace = (self._entered - self._began) / before if before > 0.0 else None
+    if self._share > 0.0:
+      rest = (now - self._entered) * (1.0 - self._share) / self._share
+      if planned > 0.0:
+        pace = (now - self._began) / (before + self._share * planned)
+        rest = pace * (1.0 - self._share) * planned
+      return rest + (pace or 0.0) * after
+    if pace is None or planned <= 0.0:
       return None
-    then = (self._entered - self._began) * after / done if done > 0.0 else 0.0
-    return (now - self._entered) * (1.0 - self._share) / self._share + then
+    return (
+      max(pace * planned - (now - self._entered), 0.0) + max(pace, (now - self._began) / (before + planned)) * after
+    )
 
 
 def duration(seconds: float) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.plant import signal_index
-from qcar_twin.twin.engines import Rows
+from qcar_twin.twin.engines import ByMotion, Rows
 
 Array = NDArray[np.float64]
 _MOTION = slice(0, 6)  # of the signals: pose, velocity, yaw rate
@@ -73,5 +73,5 @@ class ModelCars:
     signals[rows, _MOTION] = self._model.motion(state)[rows]
     signals[rows[:, None], _SENSED] = sensed[rows]
 
-  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
+  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array, by_motion: ByMotion) -> bool:
     return False

@@ -26,6 +26,7 @@ _SERVES, _TRUSTED = 0.7, 0.9
 # factors on the damping: of the step that is tried alone, of those tried with it, and after all of them failed
 _EASE, _RUNGS, _STIFFER = 0.01, (0.1, 1.0, 10.0, 100.0), 1e4
 _FLAT = 1e-14  # of the largest curvature: rounding
+FORWARD: tuple[Stencil, ...] = ("forward",)
 STENCILS: tuple[Stencil, ...] = (WIDEST, "deviation")  # of the central differences that a search ends with
 
 
@@ -92,7 +93,7 @@ def fit(
   tolerance: float = 3e-4,
   step: float = 0.02,
   progress: Callable[[int, float], None] | None = None,
-  stencils: Sequence[Stencil] = (),
+  stencils: Sequence[Stencil] = FORWARD,
   slopes: Slopes | None = None,
 ) -> Fit:
   """Minimise half the robust sum of squared residuals plus the prior.
@@ -107,7 +108,7 @@ def fit(
       such an iteration must have had a fresh Jacobian.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
-    stencils: central differences that must agree at the end, such as STENCILS.
+    stencils: how slopes are taken until no gain is seen, one after the other; all of them must agree at the end.
     slopes: Jacobians known from an earlier search of the same residual, or of one that differs by a constant.
 
   Raises:
@@ -116,7 +117,7 @@ def fit(
   theta, r = _begun(residual, parameters, start)
   costs, jacobian = [_cost(r, theta, parameters, robust)], np.zeros((len(r), len(theta)))
   damping, evaluations, failures, renew, fresh, known = 1e-3, 1, 0, True, False, slopes or Slopes()
-  coming: list[Stencil] = ["forward", *stencils]
+  coming = list(stencils)
   for k in range(iterations):
     if renew and not fresh:
       jacobian, fresh = known.at(residual, parameters, theta, r, coming[0], step), True

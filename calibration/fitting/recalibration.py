@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.first_guess import best_start, held_close, varied_starts, where_limits_act
-from calibration.fitting.likelihood import NOTICED, Problem, flat_weighting, misled, trusted, weighting_from
+from calibration.fitting.likelihood import NOTICED, Problem, Weighting, flat_weighting, misled, trusted, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, fitted_count, observe
-from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
+from calibration.fitting.optimiser import FORWARD, STENCILS, Fit, fit, prior_cost
 from calibration.fitting.slopes import Slopes, Stencil, central_differences
 from calibration.fitting.surrogate import anchored
 from calibration.fitting.tolerances import exchanged, weighed_beyond, widened
@@ -85,31 +85,60 @@ def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
   other weights where it stops at a tolerance.
   """
   known = _unknown(at.problem)
-  near = _fit(at.problem, at.base, at.start, _LONGEST, 0.0, (), known).theta
+  near = _fit(at.problem, at.base, at.start, _LONGEST, 0.0, FORWARD, known).theta
   if (acting := where_limits_act(at.problem, at.base, near, _SETTLED)) is not None:
-    near = _fit(at.problem, at.base, acting, _LONGEST, 0.0, (), known).theta
+    near = _fit(at.problem, at.base, acting, _LONGEST, 0.0, FORWARD, known).theta
   wider = widened(at.base, near)
-  fitted = _likelier(settled(at.problem, at.noise_models, wider, near, at.command_shift, known), progress)
-  late = {p.name: p for p, q in zip(widened(at.base, fitted.fit.theta), at.base, strict=True) if p != q}
+  least = _likelier(_least(at.problem, wider, near, known), progress)
+  late = {p.name: p for p, q in zip(widened(at.base, least.fit.theta), at.base, strict=True) if p != q}
   if any(p != wider[name] for name, p in late.items()):
     progress("recalibration within wider bounds")
     wider = wider.replace(**late)
-    fitted = settled(fitted.problem, at.noise_models, wider, fitted.fit.theta, at.command_shift, known)
-  beyond, worth = weighed_beyond(fitted.problem, fitted.fit, fitted.jacobian, sensor_floor(at.noise_models))
-  if worth < NOTICED:
-    return fitted
-  progress("recalibration, weighed by what goes on beyond a tolerance")
-  return settled(fitted.problem.reweighted(beyond), at.noise_models, wider, fitted.fit.theta, at.command_shift)
+    least = _least(least.problem, wider, least.fit.theta, least.known)
+  beyond, worth = weighed_beyond(least.problem, least.fit, least.slopes, sensor_floor(at.noise_models))
+  if worth >= NOTICED:
+    progress("recalibration, weighed by what goes on beyond a tolerance")
+    least = least.weighed(beyond)
+    least = _least(least.problem, wider, least.fit.theta, least.known)
+  return _recalibrated(least, at.noise_models, at.command_shift)
 
 
-def _likelier(fitted: RecalibratedTwin, progress: Progress) -> RecalibratedTwin:
-  """The fit, or one from where commands are late in place of all sensors, or the other way round, that is better."""
-  start = exchanged(fitted.fit.parameters, fitted.fit.theta, _SETTLED)
+@dataclasses.dataclass(frozen=True)
+class _Least:
+  """A minimum: the problem there, the fit, and slopes that are known of the problem."""
+
+  problem: Problem
+  fit: Fit
+  known: Slopes
+
+  @property
+  def slopes(self) -> Array:
+    """Of the fitted values, (n_train, p), by central differences: a scan and every larger model rest on them, and
+    forward ones have the chatter of the point where the fit stands in every column."""
+    base, problem = self.fit.parameters, self.problem
+    residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, problem.parameters.nominal))
+    return self.known.at(residual, base, self.fit.theta, self.fit.residual, "deviation")
+
+  def weighed(self, weighting: Weighting) -> "_Least":
+    """The same place with other weights; what was known of its slopes is known still."""
+    channel, rows = self.problem.observations.channel, slice(self.problem.n_train)
+    factor = (weighting.scale(channel) / self.problem.weighting.scale(channel))[rows]
+    return _Least(self.problem.reweighted(weighting), self.fit, self.known.weighed(factor))
+
+
+def _least(problem: Problem, base: ParameterSet, start: Array, known: Slopes) -> _Least:
+  """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
+  return _Least(*descended(problem, base, start, known=known), known)
+
+
+def _likelier(least: _Least, progress: Progress) -> _Least:
+  """The minimum, or one from where commands are late in place of all sensors, or the other way round, that is less."""
+  start = exchanged(least.fit.parameters, least.fit.theta, _SETTLED)
   if start is None:
-    return fitted
+    return least
   progress("recalibration with commands late in place of sensors")
-  other = settled_from(fitted, start)
-  return other if other.fit.cost < fitted.fit.cost - _SETTLED else fitted
+  other = _least_from(least.problem, least.fit.parameters, start)
+  return other if other.fit.cost < least.fit.cost - _SETTLED else least
 
 
 def begun(
@@ -178,43 +207,38 @@ def settled(
   base: ParameterSet,
   start: Array,
   command_shift: int,
-  known: Slopes | None = None,
 ) -> RecalibratedTwin:
-  """The minimum near a start: every model of a search is measured against it, so it is sought to a nat.
-
-  `known`: slopes of the same problem from an earlier search.
-  """
-  known = known or _unknown(problem)
-  problem, minimum = descended(problem, base, start, known=known)
-  theta = problem.embed(base.names, minimum.theta, problem.parameters.nominal)[0]
-  return RecalibratedTwin(problem, noise_models, minimum, theta, _slopes(problem, base, minimum, known), command_shift)
+  """The recalibrated twin at the minimum near a start."""
+  return _recalibrated(_least(problem, base, start, _unknown(problem)), noise_models, command_shift)
 
 
 def settled_from(recalibrated: RecalibratedTwin, start: Array) -> RecalibratedTwin:
-  """The same fit from another start, (p,), in rounds while they gain: from afar one may not come to its end."""
-  old, base, known = recalibrated, recalibrated.fit.parameters, _unknown(recalibrated.problem)
-  begun = settled(old.problem, old.noise_models, base, start, old.command_shift, known)
-  again, iterations = begun, begun.fit.iterations
+  """The same fit from another start, (p,)."""
+  least = _least_from(recalibrated.problem, recalibrated.fit.parameters, start)
+  return _recalibrated(least, recalibrated.noise_models, recalibrated.command_shift)
+
+
+def _least_from(problem: Problem, base: ParameterSet, start: Array) -> _Least:
+  """The minimum from another start, (p,), in rounds while they gain: from afar one may not come to its end."""
+  least = _least(problem, base, start, _unknown(problem))
+  iterations = least.fit.iterations
   for _ in range(_AFAR):
-    before = again.fit.cost
-    again = settled(old.problem, old.noise_models, base, again.fit.theta, old.command_shift, known)
-    if before - again.fit.cost < _SETTLED:
+    before = least.fit.cost
+    least = _least(problem, base, least.fit.theta, least.known)
+    if before - least.fit.cost < _SETTLED:
       break
-  return dataclasses.replace(again, fit=dataclasses.replace(again.fit, iterations=iterations))
+  return dataclasses.replace(least, fit=dataclasses.replace(least.fit, iterations=iterations))
 
 
-def _slopes(problem: Problem, base: ParameterSet, minimum: Fit, known: Slopes) -> Array:
-  """Of all values, fitted and judging, at the minimum of the base parameters, (M, p).
-
-  By central differences: a scan and every larger model rest on them, and forward ones have the chatter of the point
-  where the fit stands in every column.
-  """
+def _recalibrated(least: _Least, noise_models: Mapping[str, ChannelNoise], command_shift: int) -> RecalibratedTwin:
+  """The twin at a minimum, with slopes of all values, fitted and judging."""
+  problem, slopes, base = least.problem, least.slopes, least.fit.parameters
   full = lambda v: problem.embed(base.names, v, problem.parameters.nominal)
-  theta, fitted = minimum.theta, lambda v: problem.fitted_residual(full(v))
-  slopes = known.at(fitted, base, theta, minimum.residual, "deviation")
-  residual = lambda v: problem.judging_residual(full(v))
+  residual, theta = lambda v: problem.judging_residual(full(v)), least.fit.theta
   smooth = residual(theta[None])[0], problem.observations.stretch[problem.n_train :]
-  return np.concatenate([slopes, central_differences(residual, base, theta, known.widths, smooth)])
+  judging = central_differences(residual, base, theta, least.known.widths, smooth)
+  jacobian = np.concatenate([slopes, judging])
+  return RecalibratedTwin(problem, noise_models, least.fit, full(theta)[0], jacobian, command_shift)
 
 
 def _unknown(problem: Problem) -> Slopes:
@@ -241,13 +265,13 @@ def descended(
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
   known = known or _unknown(problem)
   if problem.exact is problem:
-    return problem, _fit(problem, base, start, _LONGEST, 0.0, STENCILS, known)
-  stencils: tuple[Stencil, ...] = ()
+    return problem, _fit(problem, base, start, _LONGEST, 0.0, (*FORWARD, *STENCILS), known)
+  stencils = FORWARD
   minimum = _fit(problem, base, start, _LONGEST, 0.0, stencils, known)
   theta, cost = start, _cost(problem, base, start)
   for _ in range(_ROUNDS):
     predicted = cost - minimum.cost
-    if predicted < enough and not stencils:
+    if predicted < enough and stencils == FORWARD:
       stencils = STENCILS
       minimum = _fit(problem, base, theta, _LONGEST, 0.0, stencils, known)
       predicted = cost - minimum.cost
@@ -303,14 +327,9 @@ def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Ar
 
 
 def _fit(
-  problem: Problem,
-  base: ParameterSet,
-  start: Array,
-  iterations: int,
-  tolerance: float,
-  stencils: Sequence[Stencil] = (),
-  known: Slopes | None = None,
-) -> Fit:
+  problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float,
+  stencils: Sequence[Stencil] = FORWARD, known: Slopes | None = None,
+) -> Fit:  # fmt: skip
   around = problem.parameters.nominal
   residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))
   report = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)

@@ -48,6 +48,13 @@ class Slopes:
     """The residual has changed by more than a constant."""
     self._kept.clear()
 
+  def weighed(self, factor: Array) -> "Slopes":
+    """Those of the residual times a factor, (M,)."""
+    made = Slopes(self._together)
+    made._kept = {key: (place, widths, slopes * factor[:, None]) for key, (place, widths, slopes) in self._kept.items()}
+    made._newest = None if self._newest is None else self._newest * factor[:, None]
+    return made
+
   def at(
     self, residual: Residual, parameters: ParameterSet, theta: Array, r: Array, stencil: Stencil, step: float = 0.02
   ) -> Array:

@@ -9,9 +9,10 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from qcar_twin.plant import LEAD, SIGNALS
-from qcar_twin.twin.engines import Array, Engine
+from qcar_twin.twin.engines import Array, ByMotion, Engine
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
-from qcar_twin.twin.mechanisms.base import CarDimensions, Context
+from qcar_twin.twin.mechanisms.base import CarDimensions, Context, State
+from qcar_twin.twin.mechanisms.by_motion import Resisting, Weakening
 from qcar_twin.twin.slots import Recorder, Slot
 from qcar_twin.twin.starts import taken
 
@@ -181,7 +182,10 @@ class Simulation:
     signals[:, 0] = self.signals
     last, logged = int(periods.max()), self._supplied(commands)
     acting, slots = self._foreseen(logged, last)
-    if not any(slot.acts for slot in slots) and self.engine.run(acting, periods, signals):
+    by_motion = self._by_motion(slots, logged[:last])
+    if by_motion is not None and self.engine.run(acting, periods, signals, by_motion[0]):
+      for slot, state in by_motion[1]:
+        slot.state = state
       moved = np.where(np.arange(length) < periods[:, None], signals[:, :-1, _MOTOR_SPEED], 0.0).sum(axis=1)
       self._wheel_angle = self._wheel_angle + self._period * self._car.gear_ratio * moved
       self._time += self._period * last
@@ -219,6 +223,27 @@ class Simulation:
         context = self._context(slot, logged[k], nowhere, times[k], blind)
         acting[k][slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[k][slot.rows])
     return acting, [slot for slot in self._slots if slot not in ahead]
+
+  def _by_motion(self, slots: Sequence[Slot], logged: Array) -> tuple[ByMotion, list[tuple[Slot, State]]] | None:
+    """What slots do to cars that got commands (T, N, 2), and their states afterwards; None where some must be asked in
+    every period.
+
+    A motor weakens once at most: with two mechanisms that do so, the second answers to what the first leaves.
+    """
+    acting = [slot for slot in slots if slot.acts]
+    fading = [slot for slot in acting if isinstance(slot.mechanism, Weakening)]
+    if not all(slot.by_motion for slot in acting) or len(fading) > 1:
+      return None
+    drag, weakened = np.zeros(len(self.signals)), None
+    for slot in acting:
+      if isinstance(slot.mechanism, Resisting):
+        drag[slot.rows] += slot.mechanism.drag(slot.theta)
+    after = [(slot, {name: values.copy() for name, values in slot.state.items()}) for slot in fading]
+    for slot, state in after:
+      assert isinstance(slot.mechanism, Weakening)
+      weakened = np.ones((len(logged), len(drag), 2))
+      weakened[:, slot.rows] = slot.mechanism.weakened(slot.theta, logged[:, slot.rows, 0], self._period, state)
+    return ByMotion(drag, weakened), after
 
   def _at_once(self, slot: Slot, logged: Array, acting: Array, times: Array) -> None:
     """Commands (T, N, 2) of a mechanism without hidden state, in place."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.mechanisms.base import Mechanism, State
+from qcar_twin.twin.mechanisms.by_motion import Resisting, Weakening
 
 STEPPED = ("command", "actuator", "force", "contact")  # stages that act while cars are under way
 _COLUMNS = {"drive": frozenset((0,)), "steering": frozenset((1,))}  # commands that a subsystem changes; both by default
@@ -82,6 +83,11 @@ class Slot:
   def foreseen(self) -> bool:
     """Whether what it does is known before the car is simulated."""
     return self.mechanism.open_loop and not self.pushes and not self.mechanism.varies
+
+  @property
+  def by_motion(self) -> bool:
+    """Whether an engine knows the form of all that it does while cars are under way."""
+    return isinstance(self.mechanism, Resisting | Weakening)
 
   @property
   def columns(self) -> frozenset[int]:

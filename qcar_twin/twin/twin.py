@@ -260,7 +260,7 @@ class Twin:
       return [slice(None)]
     busy = np.zeros(len(theta), dtype=bool)
     for slot in self.slots(theta):
-      busy[slot.rows] |= (slot.acts and not slot.foreseen) & ~slot.mechanism.passes(slot.theta)
+      busy[slot.rows] |= (slot.acts and not slot.foreseen and not slot.by_motion) & ~slot.mechanism.passes(slot.theta)
     if busy.all() or not busy.any():
       return [slice(None)]
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]

@@ -75,22 +75,36 @@ def test_what_is_printed_between_does_not_end_the_plan(capsys):
 def test_the_time_left_is_what_the_plan_has_left_at_the_pace_of_the_run(monkeypatch):
   monkeypatch.setattr(module, "time", ticking())
   stages = Stages({"first": 10.0, "second": 30.0, "third": 0.0})  # begins at 0 s; every question is a second later
-  assert stages.reached("first", None) and stages.left is None
-  assert stages.reached("second", None) and stages.left == pytest.approx(2.0 * 30.0 / 10.0)
-  assert not stages.reached("second, further", 0.5) and stages.left == pytest.approx(3.0 * 15.0 / 25.0)
-  assert stages.line("second") == "stage 2 of 3 · second · about 2 s left"
+  assert stages.reached("first", None) and stages.left is None  # entered at 1 s
+  assert stages.reached("second", None)  # entered at 3 s: 10 s of the plan took 3 s
+  assert stages.left == pytest.approx(0.3 * 30.0 - 1.0)
+  assert not stages.reached("second, further", 0.5) and stages.left == pytest.approx(5.0 * 15.0 / 25.0)
+  assert stages.line("second") == "stage 2 of 3 · second · about 4 s left"
   assert not stages.reached("first", None), "a stage that is past does not come again"
   assert stages.reached("third", None) and stages.line("third") == "stage 3 of 3 · third"
+
+
+def test_a_stage_without_a_share_does_not_make_the_rest_long_before_it_is(monkeypatch):
+  """30 s planned of 100 s, after 10 s that took 10 s: 90 s are left at first, and 60 s when they should be over."""
+  clock = [0.0]
+  monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+  stages, left = Stages({"first": 10.0, "long": 30.0, "rest": 60.0}), []
+  assert stages.reached("first", None)
+  clock[0] = 10.0
+  assert stages.reached("long", None)
+  for clock[0] in (10.0, 25.0, 40.0, 70.0):
+    left.append(stages.left)
+  assert left == pytest.approx([90.0, 75.0, 60.0, 70.0 / 40.0 * 60.0])
 
 
 def test_a_stage_that_was_not_foreseen_says_its_time_left_by_its_share(monkeypatch):
   monkeypatch.setattr(module, "time", ticking())
   stages = Stages({"first": 10.0, "sometimes": 0.0, "last": 20.0})  # begins at 0 s
-  assert stages.reached("first", None) and stages.reached("sometimes", 0.0)  # at 1 s
-  assert stages.left is None  # at 2 s
+  assert stages.reached("first", None) and stages.reached("sometimes", 0.0)  # at 1 s and 2 s
+  assert stages.left is None  # at 3 s
   assert not stages.reached("sometimes", 0.5)
-  # at 3 s: half of it took 2 s, and what follows goes at the pace of the first, 1 s for 10 s
-  assert stages.left == pytest.approx(2.0 + 2.0)
+  # at 4 s: half of it took 2 s, and what follows goes at the pace of the first, 2 s for 10 s
+  assert stages.left == pytest.approx(2.0 + 4.0)
 
 
 def test_a_log_has_a_line_a_minute_where_a_stage_takes_long(monkeypatch, capsys):

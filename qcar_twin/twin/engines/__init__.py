@@ -4,6 +4,7 @@ A simulation places its cars, writes quantities, advances and reads through `Eng
 which one carries it.
 """
 
+import dataclasses
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
@@ -13,6 +14,20 @@ Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
 EngineKind = Literal["mujoco", "reduced"]
 ENGINES: tuple[EngineKind, ...] = get_args(EngineKind)
+
+
+@dataclasses.dataclass(frozen=True)
+class ByMotion:
+  """What goes by how cars move and needs nobody to be asked, in the cars of a run; each array in one piece of memory.
+
+  Attributes:
+    drag: F = -drag |v| v on the bodies at their CG, in the plane, v of each period's beginning, kg/m, (N,).
+    weakened: shares m and f of motors, (T, N, 2): of a drive command u and the back-EMF e of the period's beginning
+      e + (u - e m) m f acts; None for motors that stay as they are.
+  """
+
+  drag: Array
+  weakened: Array | None
 
 
 class Engine(Protocol):
@@ -62,11 +77,12 @@ class Engine(Protocol):
     """Hold commands (N, 2) for one control period, and write the signals after it; cars that are not running stay."""
     ...
 
-  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
+  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array, by_motion: ByMotion) -> bool:
     """Hold commands (T, N, 2), a period each, for so many periods of every car, (N,), with nothing else to do between.
 
     Args:
       signals: (N, T + 1, 10), row 0 given; a car that has driven its periods keeps its last row.
+      by_motion: what is done besides.
 
     Returns:
       False, and nothing done, where the engine goes period by period only.

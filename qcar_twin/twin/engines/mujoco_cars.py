@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from qcar_twin.plant import START
-from qcar_twin.twin.engines import Array, Rows, controller
+from qcar_twin.twin.engines import Array, ByMotion, Rows, controller
 from qcar_twin.twin.engines.model_fields import Fields
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
@@ -163,7 +163,7 @@ class MujocoCars:
     self._ctrl[:, self._handles.motor] = (1.0 - share) * now + share * before
     self._fields.drive(self._ctrl[:, self._handles.motor])
 
-  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
+  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array, by_motion: ByMotion) -> bool:
     return False
 
   def _read(self, out: Array) -> None:

@@ -86,7 +86,7 @@ def by_subsystem(mechanisms: Iterable[Mechanism]) -> list[Mechanism]:
 def _catalogue(files: tuple[Path, ...]) -> dict[str, Mechanism]:
   mechanisms: dict[str, Mechanism] = {}
   owner: dict[str, str] = {}
-  own = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name != "base")
+  own = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name not in ("base", "by_motion"))
   for module in [*(importlib.import_module(f"{__name__}.{name}") for name in own), *map(_run, files)]:
     where = Path(str(module.__file__)).name
     for item in _defined(module):

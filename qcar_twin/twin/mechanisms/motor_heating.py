@@ -6,13 +6,14 @@ import numpy as np
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import Driving
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
-from qcar_twin.twin.mechanisms.elements import USUAL_VOLTAGE, idle_voltage
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, State
+from qcar_twin.twin.mechanisms.by_motion import Weakening
+from qcar_twin.twin.mechanisms.elements import USUAL_VOLTAGE
 
 _USUAL = 0.03  # loss of a winding that is 8 K warmer, as after some minutes of gentle driving
 
 
-class MotorHeating(Mechanism):
+class MotorHeating(Weakening):
   """A hot motor has more resistance, so its torque fades, and weaker magnets, so it also idles faster; both recover.
 
   Equation: torque = k exp(-(g + m) T) (u - e exp(-m T)), tau T' = (u / 1 V)^2 - T; before the segment the mean of
@@ -50,11 +51,9 @@ class MotorHeating(Mechanism):
     power = energy / np.maximum(seconds, 1e-6) / USUAL_VOLTAGE**2
     return {"warmth": power * -np.expm1(-seconds / theta[:, 2])}
 
-  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    idle = idle_voltage(context)
-    acting = command.copy()
-    faded, magnets = (np.exp(-theta[:, i] * state["warmth"]) for i in (0, 1))
-    acting[:, 0] = idle + (command[:, 0] - idle * magnets) * magnets * faded
-    power = (context.commands[:, 0] / USUAL_VOLTAGE) ** 2
-    state["warmth"] = state["warmth"] + (power - state["warmth"]) * -np.expm1(-context.period / theta[:, 2])
-    return acting
+  def weakened(self, theta: Array, commands: Array, period: float, state: State) -> Array:
+    warmth, nearer = np.empty(commands.shape), -np.expm1(-period / theta[:, 2])
+    for now, power in zip(warmth, (commands / USUAL_VOLTAGE) ** 2, strict=True):
+      now[:] = state["warmth"]
+      state["warmth"] = state["warmth"] + (power - state["warmth"]) * nearer
+    return np.exp(-theta[:, 1::-1] * warmth[:, :, None])

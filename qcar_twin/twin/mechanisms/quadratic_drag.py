@@ -2,16 +2,15 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions
+from qcar_twin.twin.mechanisms.by_motion import Resisting
 from qcar_twin.vehicle.similarity import Similarity
 
 _AIR = 0.03  # kg/m: half the density of air, a drag coefficient of 1 and 0.05 m^2, a body 0.2 m wide and 0.25 m high
 
 
-class QuadraticDrag(Mechanism):
+class QuadraticDrag(Resisting):
   """A force against the motion that grows with the square of the speed.
 
   Equation: F = -c_2 |v| v, in the plane.
@@ -35,9 +34,5 @@ class QuadraticDrag(Mechanism):
     """No car drives without air: what a bluff body of its size meets is three deviations."""
     return {"quadratic_drag": _AIR / 3.0 * Similarity.of(car.wheelbase).length ** 2}
 
-  def wrench(self, theta: Array, context: Context, state: State) -> Array:
-    ahead, aside = context.signal("velocity_x"), context.signal("velocity_y")
-    factor = -theta[:, 0] * np.sqrt(ahead * ahead + aside * aside)
-    force = np.zeros((len(theta), 3))
-    force[:, 0], force[:, 1] = factor * ahead, factor * aside
-    return force
+  def drag(self, theta: Array) -> Array:
+    return theta[:, 0]

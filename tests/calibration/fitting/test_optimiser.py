@@ -56,7 +56,8 @@ def test_without_a_tolerance_a_fresh_jacobian_that_promises_nothing_is_the_end(p
   matrix, _, target = problem
   p = parameters()
   there = fit(linear(matrix, target), p, robust=np.inf).theta
-  fitted = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0, stencils=optimiser.STENCILS)
+  stencils = (*optimiser.FORWARD, *optimiser.STENCILS)
+  fitted = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0, stencils=stencils)
   assert fitted.evaluations == 1 + len(p) + 1 + len(optimiser.STENCILS) * (2 * len(p) + 1)
   np.testing.assert_allclose(fitted.theta, there, rtol=1e-6)
 
@@ -151,8 +152,9 @@ def test_a_rough_cost_is_followed_to_its_valley_over_wide_stencils():
   ends = lambda *stencils: [search(start, stencils=stencils).theta for start in 4.0 * starts]
   starts = rng.normal(size=(10, 3))
   away = lambda found: np.abs(np.array(found) - 1.0).max(axis=1)
-  assert (away(ends(*optimiser.STENCILS)) < 0.15).sum() >= 9
-  assert (away(ends()) < 0.15).sum() <= 5
+  for wide in (optimiser.STENCILS, (*optimiser.FORWARD, *optimiser.STENCILS)):
+    assert (away(ends(*wide)) < 0.15).sum() >= 9
+  assert (away(ends(*optimiser.FORWARD)) < 0.15).sum() <= 5
 
 
 def test_a_damping_that_holds_lets_go_again():

@@ -69,3 +69,12 @@ def test_a_residual_that_was_changed_asks_for_new_ones(known):
   taken(known, [1.0, 2.0], 0.1)
   known.forget()
   assert taken(known, [1.0, 2.0], 0.1)[1] == 4
+
+
+def test_other_weights_of_the_same_residual_have_the_same_slopes_weighed(known):
+  weights = np.array([2.0, 1.0, 0.5, 3.0])
+  before, _ = taken(known, [1.0, 2.0], 0.1)
+  weighed = lambda theta: squares(theta) * weights
+  after, spent = taken(known.weighed(weights), [1.0, 2.0], 0.1, weighed)
+  np.testing.assert_allclose(after, before * weights[:, None])
+  assert spent == 0 and taken(known, [1.0, 2.0], 0.1)[0] is before

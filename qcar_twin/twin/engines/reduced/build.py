@@ -57,7 +57,7 @@ def load() -> ctypes.CDLL:
   library = ctypes.CDLL(str(build()))
   array, whole = ctypes.c_void_p, ctypes.c_long
   library.advance.argtypes = [array, array, array, whole, whole, array, array, array, ctypes.c_int, array, whole]
-  library.drive.argtypes = [array, array, array, whole, whole, array, whole, array, array, ctypes.c_int, whole, whole]
+  library.drive.argtypes = [*[array] * 3, whole, whole, array, whole, *[array] * 4, ctypes.c_int, whole, whole]
   library.advance.restype = library.drive.restype = None
   library.lanes.argtypes, library.lanes.restype = [], whole
   return library

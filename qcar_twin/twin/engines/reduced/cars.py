@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.plant import START
-from qcar_twin.twin.engines import Array, Rows, controller
+from qcar_twin.twin.engines import Array, ByMotion, Rows, controller
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.engines.reduced import layout
 from qcar_twin.twin.engines.reduced.build import load
@@ -220,12 +220,14 @@ class ReducedCars:
     if before:
       self.state[:, still], signals[still] = before
 
-  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
+  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array, by_motion: ByMotion) -> bool:
     commands, periods = np.ascontiguousarray(commands), np.ascontiguousarray(periods, dtype=np.int64)
+    drag, weakened = by_motion.drag, by_motion.weakened
     self._spread(
       lambda first, count: self._library.drive(
         *self._pointers, self._stride, self._size, commands.ctypes.data, len(commands), periods.ctypes.data,
-        signals.ctypes.data, self._substeps, first, count,
+        drag.ctypes.data, None if weakened is None else weakened.ctypes.data, signals.ctypes.data, self._substeps,
+        first, count,
       ),
       self._stride // self._lanes,
       self._threads,

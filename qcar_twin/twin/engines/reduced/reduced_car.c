@@ -497,18 +497,40 @@ void advance(const double* C, const double* P, double* S, long stride, long size
   }
 }
 
+// A force against the motion that grows with the square of the speed, x and y in the body frame: -drag |v| v.
+INLINE Pair resisted(const Cars* a, V drag) {
+  Pair v = turned((Pair){state(a, S_VELOCITY_X), state(a, S_VELOCITY_Y)}, -state(a, S_SINE), state(a, S_COSINE));
+  V factor = -drag * root(v.x * v.x + v.y * v.y);
+  return (Pair){factor * v.x, factor * v.y};
+}
+
+// What acts of a drive command on a motor with less flux and conductance, as shares of the cold one's.
+INLINE V faded(const Cars* a, V command, V flux, V conductance) {
+  V idle = number(a, P_MOTOR_DAMPING) / number(a, P_TORQUE_PER_COMMAND) * state(a, S_MOTOR);
+  return idle + (command - idle * flux) * flux * conductance;
+}
+
 // Whole runs of `count` blocks of LANES cars from block `first`: commands (T, size, 2), periods to drive (size,),
-// signals (size, T + 1, 10), of which row 0 is there; a car that has driven its periods keeps its last row.
+// drag (size,), shares of flux and conductance (T, size, 2) or NULL, signals (size, T + 1, 10), of which row 0 is there;
+// a car that has driven its periods keeps its last row.
 void drive(const double* C, const double* P, double* S, long stride, long size, const double* commands, long T,
-           const int64_t* periods, double* signals, int steps, long first, long count) {
+           const int64_t* periods, const double* drag, const double* weakened, double* signals, int steps, long first,
+           long count) {
   for (long car = LANES * first; car < LANES * (first + count) && car < size; car += LANES) {
     Cars a = {C, P + car, S + car, stride};
     long longest = 0;
     for (long l = 0; l < LANES && car + l < size; l++) longest = periods[car + l] > longest ? periods[car + l] : longest;
+    V resistance = gather(drag, car, size, 1);
     for (long k = 0; k < T; k++) {
       V out[N_SIGNAL];
-      const double* now = commands + 2 * size * k;
-      if (k < longest) drive_lanes(&a, gather(now, car, size, 2), gather(now + 1, car, size, 2), 0, steps, out);
+      const double *now = commands + 2 * size * k, *share = weakened ? weakened + 2 * size * k : 0;
+      if (k < longest) {
+        V told = gather(now, car, size, 2);
+        if (share) told = faded(&a, told, gather(share, car, size, 2), gather(share + 1, car, size, 2));
+        Pair against = resisted(&a, resistance);
+        V push[3] = {against.x, against.y, all(0)};
+        drive_lanes(&a, told, gather(now + 1, car, size, 2), push, steps, out);
+      }
       for (long l = 0; l < LANES && car + l < size; l++) {
         double* row = signals + ((car + l) * (T + 1) + k) * N_SIGNAL;
         if (k < periods[car + l]) scatter(out, row, 1, l);

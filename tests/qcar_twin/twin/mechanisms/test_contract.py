@@ -25,7 +25,7 @@ from tests.qcar_twin.twin.mechanisms.mechanism_bench import (
   theta_of,
 )
 
-SHARED = {"__init__", "base", "elements", "document"}  # files of the folder that define no mechanism
+SHARED = {"__init__", "base", "by_motion", "elements", "document"}  # files of the folder that define no mechanism
 ALL = list(catalogue().values())
 STATED = {f.name: 1e-4 for f in dataclasses.fields(CAR)}  # standard deviations
 each = pytest.mark.parametrize("mechanism", ALL, ids=lambda m: m.name)
