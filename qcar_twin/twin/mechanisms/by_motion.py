@@ -22,7 +22,8 @@ class Resisting(Mechanism):
 
 
 class Weakening(Mechanism):
-  """A motor that has a share of its flux, m, and of its conductance, f: of a voltage u e + (u - e m) m f acts."""
+  """A motor with shares of its flux, m, and of its conductance, f: for a voltage u there acts e + (u - e m) m f, e
+  the back-EMF that it would have with all of its flux."""
 
   def weakened(self, theta: Array, commands: Array, period: float, state: State) -> Array:
     """m and f in periods with logged drive commands (T, n), (T, n, 2), from parameters (n, p); changes `state`."""
