@@ -23,7 +23,7 @@ from qcar_twin.recordings.checks.faults import (
 )
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
-from qcar_twin.recordings.checks.steered import without_unsteered
+from qcar_twin.recordings.checks.steered import without_dead_steering, without_unsteered
 from qcar_twin.recordings.checks.supply import supply_notes
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units, check_way, without_spikes
@@ -80,8 +80,9 @@ class DataSet:
         raise
       recordings += made
       warnings += notes
+    recordings, dead = without_dead_steering(recordings, manifest.vehicle)
     recordings, unsteered = without_unsteered(recordings)
-    warnings += unsteered + refuse_repeats(recordings) + supply_notes(recordings, manifest.vehicle)
+    warnings += dead + unsteered + refuse_repeats(recordings) + supply_notes(recordings, manifest.vehicle)
     for notice in gathered(warnings):
       _log.warning(notice)
     return cls(

@@ -26,7 +26,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _GEOGRAPHIC = ({"east", "easting", "utm"}, {"north", "northing", "utm"})  # a place whose left and right are known
-_COMPASS = {"compass", "azimuth", "bearing"}  # a heading that is clockwise from north by its name
+_COMPASS = {"compass", "azimuth", "bearing", "gps", "gnss", "course", "cog"}  # clockwise from north by its name
 _ROUNDS = 4  # of units, each of which may uncover the next
 # units of speed so near to a clock's at twice the speed that only where a gyro confirms the clock they are meant
 _NEAR_A_CLOCKS = tuple(

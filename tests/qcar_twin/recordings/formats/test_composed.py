@@ -53,6 +53,29 @@ def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
   assert np.abs(turned).max() <= np.pi + 1e-9  # so that it jumps by one turn, not by two
 
 
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_a_quaternion_by_numbers_turns_about_what_is_upright(tmp_path, order, up):
+  yaw = 0.1 * np.arange(60)
+  parts = {"w": np.cos(0.5 * yaw), "x": 0.0 * yaw, "y": 0.0 * yaw, "z": 0.0 * yaw, up: np.sin(0.5 * yaw)}
+  rows = [f"{t:.2f}," + ",".join(f"{parts[name][k]:.9f}" for name in order) for k, t in enumerate(TIME)]
+  turned = read(tmp_path, "time,quat[0],quat[1],quat[2],quat[3]", rows).number("quat_yaw", "pose_yaw")
+  assert np.exp(1j * turned) == pytest.approx(np.exp(1j * yaw), abs=1e-6)
+  assert np.abs(turned).max() <= np.pi + 1e-9
+
+
+def test_an_imu_of_six_numbers_has_its_force_where_gravity_is(tmp_path):
+  level = [(0.3 * np.sin(t), 0.2, 9.8, 0.01, 0.02, t) for t in TIME]
+  head = "time," + ",".join(f"imu[{k}]" for k in range(6))
+  for order in ((0, 1, 2, 3, 4, 5), (3, 4, 5, 0, 1, 2)):
+    rows = [f"{t:.2f}," + ",".join(f"{six[k]:.6f}" for k in order) for t, six in zip(TIME, level, strict=True)]
+    table = read(tmp_path, head, rows)
+    assert table.number("imu.acc.z", "accel_x") == pytest.approx(9.8)
+    assert table.number("imu.gyro.z", "yaw_rate") == pytest.approx(TIME, abs=1e-6)
+  rows = [f"{t:.2f},0.1,0.2,0.3,0.1,0.2,{t:.3f}" for t in TIME]  # no gravity: nothing says which is which
+  assert "imu.gyro.z" not in read(tmp_path, head, rows)
+
+
 def test_milliseconds_behind_a_colon_are_no_frames(tmp_path):
   rows = [f"14:00:0{int(t)}:{round(1e3 * (t % 1.0)):03d},1.0" for t in TIME]
   assert np.diff(read(tmp_path, "time,speed", rows).number("time", "time")) == pytest.approx(0.02)
