@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.completed import heading_or_course
 from qcar_twin.recordings.recording import Recording, RecordingError
-from qcar_twin.vehicle.vehicle import QCAR, Vehicle
 
 _GYRO = 0.2  # rad/s about its median: ten times a gyro's usual zero, and what a car that goes straight on doesn't reach
 ACROSS = ("accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw", "pose_score")  # what turning shows in
@@ -52,9 +50,10 @@ def without_dead_steering(
     RecordingError: no recording holds another.
   """
   kept, notes = [], []
-  car = Vehicle.from_dataset({"name": "car", **vehicle}) if vehicle else QCAR
+  number = lambda key: float(vehicle.get(key, np.nan))
+  wheelbase, travel = number("cg_to_front") + number("cg_to_rear"), number("gear_ratio") * number("wheel_radius")
   for recording in recordings:
-    if (stays := _dead_at(recording, car)) is None:
+    if (stays := _dead_at(recording, wheelbase, travel)) is None:
       kept.append(recording)
       continue
     streams = {name: stream for name, stream in recording.streams.items() if name != "steering_command"}
@@ -69,19 +68,20 @@ def without_dead_steering(
   return kept, [f"{note}; it is left out" for note in notes]
 
 
-def _dead_at(recording: Recording, car: Vehicle) -> float | None:
-  """The angle, rad, at which a steering command stays that did not steer the car; None where it did."""
+def _dead_at(recording: Recording, wheelbase: float, travel: float) -> float | None:
+  """The angle, rad, at which a steering command stays that did not steer the car; None where it did, or where the
+  wheelbase, m, or of a log without a speed the `travel` of a turn of the motor, m/rad, is not known."""
   speeds = [name for name in ("speed", "motor_speed") if name in recording]
   if not {"steering_command", "yaw_rate"} <= set(recording.channels) or not speeds:
     return None
   middle = np.arange(recording.start + _BIN, recording.end - _BIN, _BIN)
-  speed = recording[speeds[0]].interpolate(middle) * (rolling_radius(car) if speeds[0] == "motor_speed" else 1.0)
+  speed = recording[speeds[0]].interpolate(middle) * (travel if speeds[0] == "motor_speed" else 1.0)
   rate = recording["yaw_rate"].interpolate(middle)
   known = np.isfinite(speed) & np.isfinite(rate)
   known &= np.abs(speed) > _MOVES * np.max(np.abs(speed[known]), initial=0.0)
   if known.sum() < _LEAST:
     return None
-  turns = np.arctan(car.wheelbase * rate[known] / speed[known])
+  turns = np.arctan(wheelbase * rate[known] / speed[known])
   commanded = [recording["steering_command"].at(middle[known] - lag) for lag in _LAGS]
   spread = lambda values: float(np.subtract(*np.percentile(values, [95.0, 5.0])))
   path = spread(turns)
