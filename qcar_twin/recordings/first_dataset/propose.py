@@ -106,8 +106,9 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if topics is None:
     settle_turns(guesses, car.sizes, recordings_of(columns, guesses))
   recordings = as_driven(recordings_of(columns, guesses))
-  parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
+  parts = [*share_out(recordings, DRIVES[kind].steps), *_left_over(tables, recordings)] if recordings else []
+  parts = parts if recordings and (not missing or len(recordings) == len(tables)) else _all_fitted(tables)
   questions = (*(question.text for question in asked), *unsure)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
@@ -203,6 +204,13 @@ def _drive(guesses: Mapping[str, Guess]) -> tuple[str, str]:
   if logged is None:
     return kind, "no column says it is the drive's command; correct it by the one you map"
   return kind, f"the log's drive command is {logged}"
+
+
+def _left_over(tables: Sequence[Table], recordings: Sequence[Recording]) -> list[Part]:
+  """What the guesses cannot read: those who read the file say why."""
+  read = {recording.file for recording in recordings}
+  why = "left over as the roles were shared out: it cannot be read as the others, or its car stood"
+  return [Part(table.label, "identify", why=why) for table in tables if table.label not in read]
 
 
 def _all_fitted(tables: Sequence[Table]) -> list[Part]:
