@@ -27,7 +27,8 @@ _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
 _ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
-_UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
+_UNIT = 0.01  # how far from 1 the squared length of a quaternion of rotation usually is at most, by its digits
+_NOISY = 0.1  # and how far it ever is, where its parts were filtered one by one
 
 
 def parts_of_others(names: Iterable[str]) -> set[str]:
@@ -42,12 +43,12 @@ def _stamps(names: Iterable[str]) -> dict[str, tuple[str, str]]:
   """Columns that have whole seconds of a stamp, as ROS writes them -> the column of its nanoseconds, and its name."""
   names, parts = tuple(names), {}
   for name in names:
-    if (parsed := _SECONDS.match(name)) is None or not parsed["stamp"]:
+    if (parsed := _SECONDS.match(name)) is None:
       continue
     stem = name[: len(name) - len(parsed["s"])]
     other = next((n for n in names if n.startswith(stem) and n[len(stem) :].lower() in _NANOSECONDS), None)
     if other is not None:
-      parts[name] = (other, parsed["stamp"])
+      parts[name] = (other, parsed["stamp"] or "stamp")
   return parts
 
 
@@ -139,11 +140,11 @@ def composed(table: Table) -> Table:
       made[name] = parts[0] + 1e-9 * parts[1]
   for yaw, names in _quaternions(table.columns).items():
     parts = _numbers(table, names)
-    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+    if parts is not None and yaw not in table and _of_rotations(parts):
       made[yaw] = _yaw(*parts)
   for yaw, names in _flat(table.columns).items():
     parts = _numbers(table, names)
-    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+    if parts is not None and yaw not in table and _of_rotations(parts):
       w, z = parts
       made[yaw] = np.arctan2(2.0 * w * z, 1.0 - 2.0 * z**2)
   for element, name in _elements(table.columns).items():
@@ -174,6 +175,12 @@ def _place(table: Table) -> dict[str, np.ndarray] | None:
   meridian, normal = _EQUATOR * (1.0 - _ECCENTRICITY) / flattened**1.5, _EQUATOR / np.sqrt(flattened)
   east = normal * np.cos(latitude[first]) * (longitude - longitude[first])
   return {"gps.east": east, "gps.north": meridian * (latitude - latitude[first])}
+
+
+def _of_rotations(parts: np.ndarray) -> bool:
+  """Whether quaternions, (2 or 4, rows), are rotations: of length 1 but for digits and noise."""
+  off = np.abs(np.sum(parts**2, axis=0) - 1.0)
+  return bool(np.nanmedian(off) < _UNIT and np.nanmax(off) < _NOISY)
 
 
 def _yaw(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
