@@ -53,8 +53,10 @@ def motion_of(columns: Columns, guesses: Mapping[str, Guess]) -> Motion:
   time = clock.scale * columns.tables[0].number(clock.column, "time")
   grid = np.arange(time[0], time[-1], _PERIOD)[:_MOST]
   on_grid = lambda values: _on_grid(grid, time, values)
-  known = {
-    channel: columns.tables[0].number(guess.column, channel) for channel, guess in guesses.items() if channel != "time"
+  known = {  # a pulse of 1500 us is straight on, and stands for 0
+    channel: guess.scale * columns.tables[0].number(guess.column, channel) + guess.offset
+    for channel, guess in guesses.items()
+    if channel != "time"
   }
   speed = turning = None
   if (wheels := next((known[c] for c in ("speed", "motor_speed") if c in known), None)) is not None:
