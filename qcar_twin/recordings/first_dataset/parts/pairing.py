@@ -231,7 +231,8 @@ def shift_of(car: Part, other: Part) -> tuple[float, str]:
   if shared and (not judged or as_good):
     return 0.0, "their clocks"
   if judged:
-    return own.lag, f"their motion (correlation {own.alike:.2f}), which moves {other.label} by {own.lag:.2f} s"
+    obeyed = ", and has in it what the car takes to obey: no two sensors saw one motion" if own.commanded else ""
+    return own.lag, f"their motion (correlation {own.alike:.2f}), which moves {other.label} by {own.lag:.2f} s{obeyed}"
   why = "never moves alike" if not own.alike > _ALIKE else "repeats itself, so that several seconds fit as well"
   raise RecordingError(
     f"{pair}: are of one drive, their clocks have no time in common, and the motion {why}; add the seconds between the"

@@ -46,12 +46,14 @@ def test_other_names_say_none(files):
   assert drives_and_topics(files) is None
 
 
-def write_take(folder, number, device=None, pattern="take{}_{}.csv", steered=1.0):
-  """A drive as three files; `device`: what the IMU's own clock is ahead of the others', s, where it has one."""
+def write_take(folder, number, device=None, pattern="take{}_{}.csv", steered=1.0, late=0.0, felt=True):
+  """A drive as three files; `device`: what the IMU's own clock is ahead of the others', s, where it has one; `late`:
+  what steering acts late, s; `felt`: whether the IMU has accelerometers."""
   time, own = wander(number, seconds=40.0)
   start = EPOCH + 100.0 * number
-  imu = {"gyro_z": own["yaw_rate"], "acc_x": own["accel_x"], "acc_y": own["accel_y"]}
-  command = {"throttle": own["motor_voltage"] / 12.0, "steer_us": 1500.0 + 900.0 * steered * own["steering_command"]}
+  steering = np.interp(time + late, time, own["steering_command"])
+  imu = {"gyro_z": own["yaw_rate"]} | ({"acc_x": own["accel_x"], "acc_y": own["accel_y"]} if felt else {})
+  command = {"throttle": own["motor_voltage"] / 12.0, "steer_us": 1500.0 + 900.0 * steered * steering}
   content = {
     "cmd": ("stamp", start + time[::2], {k: v[::2] for k, v in command.items()}),
     "imu": (
@@ -88,6 +90,17 @@ def test_a_device_with_a_clock_of_its_own_is_joined_by_what_both_felt(tmp_path, 
   for number, table in enumerate(drives.made, 1):
     time = table.columns["time"][np.isfinite(table.columns["imu.gyro_z"])]
     assert time[0] == pytest.approx(EPOCH + 100.0 * number, abs=0.03)
+
+
+@pytest.mark.parametrize("felt", [True, False])
+def test_what_both_felt_tells_the_clock_where_the_car_lags_behind_its_commands(tmp_path, felt):
+  """Steering acts 0.2 s late; a wheel's speeding up, which an accelerometer feels, does not."""
+  for number in (1, 2):
+    write_take(tmp_path, number, device=5.0, late=0.2, felt=felt)
+  drives = joined([read_table(file, file.name) for file in sorted(tmp_path.glob("*.csv"))])
+  time = drives.made[0].columns["time"][np.isfinite(drives.made[0].columns["imu.gyro_z"])]
+  assert time[0] - EPOCH - 100.0 == pytest.approx(0.0 if felt else -0.2, abs=0.04)
+  assert ("what the car takes to obey" in drives.said[0]) == (not felt)
 
 
 def test_a_clock_of_its_own_that_no_motion_places_is_refused(tmp_path):
