@@ -68,7 +68,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "speed|spd|velocity|vel|vels|v"
     " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|steering"
     "|y|z|lateral",
-    "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
+    "v enc|encoder|meas|measured|actual|act|odom|odo|wheel !y|z|command|commands|commanded|cmd|target",
     "v long|longitudinal|lon !command|commands|commanded|cmd|target|desired|des",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "v ego",
