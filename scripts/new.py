@@ -42,13 +42,14 @@ def main(config: Config) -> Path:
   read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,), config.folder)))
   logs = [log for log, _ in read]
   drives = joined([table for _, table in read])
-  for table in drives.made:
+  made = drives.made or tuple(table for log, table in read if log.made)
+  for table in made:
     if (config.folder / table.label).exists():
       raise RecordingError(f"{config.folder / table.label}: is there already and is not replaced; remove it")
   tables = drives.tables
   proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
   print("".join(f"{line}\n" for line in drives.said), end="")
-  for table in drives.made:
+  for table in made:
     print(f"  written: {write_text(config.folder / table.label, as_csv(table))}")
   if not drives.made:
     copy_in(config.folder, logs)

@@ -65,7 +65,7 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "speed": (
     "speed|spd|velocity|vel|vels|v !angular|yaw|gyro|motor|command|steering|y|z|lateral",
-    "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command",
+    "v enc|encoder|meas|measured|actual|act|odom|odo|wheel !y|z|command",
     "v long|longitudinal|lon !command",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "v ego",

@@ -1,11 +1,12 @@
 """Where the logs of a new data set lie: those inside its folder stay, others are copied in; nothing is replaced."""
 
+import dataclasses
 import os
 import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from qcar_twin.atomic_io import whole_file
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
@@ -14,7 +15,7 @@ from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
 from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
 from qcar_twin.recordings.formats.dialect import LONGEST_LINE
-from qcar_twin.recordings.formats.table import NoSamples, Table
+from qcar_twin.recordings.formats.table import NoSamples, SeveralRecordings, Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -24,17 +25,20 @@ _MANY = 20  # rows: among fewer some number rises by chance, and nobody drives f
 _COMMANDED, _MOVED = {*DRIVE_COMMANDS, "steering_command"}, {"speed", "motor_speed", "pose_x", "yaw_rate"}
 _LATER = re.compile(r"\[[1-9]\d*\]$")
 _NOT_IN_TIME = f"no column of {_MANY} rows and more is a clock, so that it is no log"
+_UNFIT = re.compile(r"[^\w.-]+")  # for a file's name
 _DOCUMENTS = (".json", ".jsonl", ".ndjson")  # logs, or results, settings and descriptions of logs
 _PROSE = (".txt", ".log")  # read where it is named; in a folder it is more often a note than a log
 
 
 @dataclass(frozen=True)
 class Placed:
-  """One log: where it is, and its name within the data set's folder, with forward slashes."""
+  """One log: where it is, and its name within the data set's folder, with forward slashes. `made`: it is one of several
+  recordings of its source, and is to be written."""
 
   source: Path
   name: str
   copied: bool
+  made: bool = False
 
 
 def logs_of(paths: Sequence[Path], home: Path | None = None) -> list[Path]:
@@ -138,6 +142,11 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
   for log in logs:
     try:
       read.append((log, read_table(log.source, log.name)))
+    except SeveralRecordings as error:
+      print(f"{log.name}: holds {len(error.tables)} recordings, each written as a file of its own")
+      read += [
+        (Placed(log.source, table.label, copied=False, made=True), table) for table in _written_apart(log, error)
+      ]
     except NoSamples as error:
       if len(logs) == 1:
         raise
@@ -151,6 +160,14 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
     if all(log is not other for other, _ in drives):
       print(f"left out: {log.name}: {_NOT_IN_TIME}")
   return drives
+
+
+def _written_apart(log: Placed, several: SeveralRecordings) -> list[Table]:
+  """A file's recordings, each with the name of a file of its own: `campaign_trial_1.csv` of `campaign.h5`."""
+  stem = PurePosixPath(log.name).with_suffix("").as_posix()
+  names = [f"{stem}_{_UNFIT.sub('_', name)}.csv" for name in several.tables]
+  names = [name if names.count(name) == 1 else f"{stem}_{k}.csv" for k, name in enumerate(names, 1)]
+  return [dataclasses.replace(table, label=name) for table, name in zip(several.tables.values(), names, strict=True)]
 
 
 def is_document(path: Path) -> bool:

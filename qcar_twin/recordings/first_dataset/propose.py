@@ -13,6 +13,7 @@ from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive
 from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_left, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.parts.called import told_apart
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
@@ -114,7 +115,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
-  lines += [line for part in parts for line in _recording(part)]
+  lines += [line for part in told_apart(parts) for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
 
@@ -140,8 +141,9 @@ def _asked_of(
 ) -> tuple[str, ...]:
   """What only a person can tell of the columns that were guessed; an IMU that was `turned` has told how it lies."""
   told = lies(columns, guesses)
-  down = None if turned or told else pointing_down(columns, guesses, recordings)
-  return (*_electrical(guesses), *turning_right(columns, guesses, told), *([down] if down is not None else []))
+  right = turning_right(columns, guesses, told)
+  down = None if turned or told or right else pointing_down(columns, guesses, recordings)
+  return (*_electrical(guesses), *right, *([down] if down is not None else []))
 
 
 def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
@@ -186,6 +188,7 @@ def _named(columns: Columns) -> dict[str, Guess]:
   """By names and units, speeds by which goes first; RecordingError where commands and motion lie in files of their
   own."""
   guesses = guess_columns(columns)
+  guesses |= _documented(columns, guesses)
   settle_speeds(columns, guesses)
   guess_by_unit(columns, guesses)
   settle_letter(columns, guesses)
@@ -193,6 +196,23 @@ def _named(columns: Columns) -> dict[str, Guess]:
     del guesses["motor_speed"]  # the speed needs no pole pairs
   guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
   refuse_parts(columns, guesses)
+  return guesses
+
+
+def _documented(columns: Columns, known: Mapping[str, Guess]) -> dict[str, Guess]:
+  """Commands that no name tells, in every log, of a car whose topics a ready-made map knows: `control[3]` say."""
+  guesses: dict[str, Guess] = {}
+  if known.keys() & set(DRIVE_COMMANDS):
+    return guesses
+  for topics in topic_maps().values():
+    try:
+      documented = topics.mapping(columns.names, topics.name)
+    except RecordingError:  # of another car, or two topics could be meant
+      continue
+    for channel, how in documented.items():
+      everywhere = len(columns.holding(how.column)) == len(columns.tables)
+      if channel in (*DRIVE_COMMANDS, "steering_command") and channel not in known and everywhere:
+        guesses.setdefault(channel, Guess(channel, how.column, how.scale, how.offset, why=[f"map {topics.name}"]))
   return guesses
 
 

@@ -33,7 +33,8 @@ _ELEMENT = re.compile(r"^(?P<stem>.+?)(?:\[(?P<zero>\d)\]|\((?P<one>\d)\))$")
 _PLANAR = {(1, 2): (0, 3), (0, 1): (3, 2), (0, 2): (3, 1), (1, 3): (0, 2)}  # z or y upwards, w first or last
 _IMUS, _GRAVITIES, _NEAR = {"imu"}, (9.80665, 1.0), 0.1  # m/s^2 and g, and how near a reading of it is
 _UPRIGHT = 0.8  # of gravity, which an upright axis feels: a mount tilted by 37 deg
-_UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
+_UNIT = 0.01  # how far from 1 the squared length of a quaternion of rotation usually is at most, by its digits
+_NOISY = 0.1  # and how far it ever is, where its parts were filtered one by one
 
 
 def parts_of_others(names: Iterable[str]) -> set[str]:
@@ -48,12 +49,12 @@ def _stamps(names: Iterable[str]) -> dict[str, tuple[str, str]]:
   """Columns that have whole seconds of a stamp, as ROS writes them -> the column of its nanoseconds, and its name."""
   names, parts = tuple(names), {}
   for name in names:
-    if (parsed := _SECONDS.match(name)) is None or not parsed["stamp"]:
+    if (parsed := _SECONDS.match(name)) is None:
       continue
     stem = name[: len(name) - len(parsed["s"])]
     other = next((n for n in names if n.startswith(stem) and n[len(stem) :].lower() in _NANOSECONDS), None)
     if other is not None:
-      parts[name] = (other, parsed["stamp"])
+      parts[name] = (other, parsed["stamp"] or "stamp")
   return parts
 
 
@@ -145,11 +146,11 @@ def composed(table: Table) -> Table:
       made[name] = parts[0] + 1e-9 * parts[1]
   for yaw, names in _quaternions(table.columns).items():
     parts = _numbers(table, names)
-    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+    if parts is not None and yaw not in table and _of_rotations(parts):
       made[yaw] = _yaw(*parts)
   for yaw, names in _flat(table.columns).items():
     parts = _numbers(table, names)
-    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+    if parts is not None and yaw not in table and _of_rotations(parts):
       w, z = parts
       made[yaw] = np.arctan2(2.0 * w * z, 1.0 - 2.0 * z**2)
   made |= {name: values for name, values in _of_vectors(table).items() if name not in table}
@@ -183,7 +184,7 @@ def _of_vectors(table: Table) -> dict[str, np.ndarray]:
     turned = np.nanmax(np.abs(values), axis=1)
     small = tuple(sorted(int(k) for k in np.argsort(turned)[:2]))
     level = small in _PLANAR and _ABOUT * turned[list(small)].max() < np.delete(turned, small).min()
-    if set(words_of(stem)) & _ROTATIONS and level and np.nanmax(np.abs(np.sum(values**2, axis=0) - 1.0)) < _UNIT:
+    if set(words_of(stem)) & _ROTATIONS and level and _of_rotations(values):
       w, about = _PLANAR[small]
       made[f"{stem}_yaw"] = np.arctan2(2.0 * values[w] * values[about], 1.0 - 2.0 * values[about] ** 2)
   for stem, values in _vectors(table, 6).items():
@@ -220,6 +221,12 @@ def _place(table: Table) -> dict[str, np.ndarray] | None:
   meridian, normal = _EQUATOR * (1.0 - _ECCENTRICITY) / flattened**1.5, _EQUATOR / np.sqrt(flattened)
   east = normal * np.cos(latitude[first]) * (longitude - longitude[first])
   return {"gps.east": east, "gps.north": meridian * (latitude - latitude[first])}
+
+
+def _of_rotations(parts: np.ndarray) -> bool:
+  """Whether quaternions, (2 or 4, rows), are rotations: of length 1 but for digits and noise."""
+  off = np.abs(np.sum(parts**2, axis=0) - 1.0)
+  return bool(np.nanmedian(off) < _UNIT and np.nanmax(off) < _NOISY)
 
 
 def _yaw(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -81,3 +81,21 @@ def test_milliseconds_behind_a_colon_are_no_frames(tmp_path):
   assert np.diff(read(tmp_path, "time,speed", rows).number("time", "time")) == pytest.approx(0.02)
   with pytest.raises(RecordingError, match="not a number"):
     read(tmp_path, "time,speed", ["14:00:00:23,1.0", "14:00:00:24,1.0"]).number("time", "time")
+
+
+def test_stamps_in_columns_secs_and_nsecs_alone_are_one_clock(tmp_path):
+  rows = [f"{1562950800 + int(t)},{round(1e9 * (t % 1.0))},{k}" for k, t in enumerate(TIME)]
+  table = read(tmp_path, "secs,nsecs,data", rows)
+  assert table.number("stamp", "time") - 1562950800.0 == pytest.approx(TIME, abs=1e-6)
+
+
+@pytest.mark.parametrize(("sigma", "is_one"), [(0.004, True), (0.2, False)])
+def test_a_quaternion_that_is_of_length_one_but_for_noise_is_a_rotation(tmp_path, sigma, is_one):
+  yaw, random = np.linspace(-1.0, 1.0, 60), np.random.default_rng(1)
+  parts = np.stack([0.0 * yaw, 0.0 * yaw, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]) + sigma * random.normal(size=(4, 60))
+  table = read(
+    tmp_path, "time,qx,qy,qz,qw", [f"{t},{','.join(map(str, q))}" for t, q in zip(TIME, parts.T, strict=True)]
+  )
+  assert ("q_yaw" in table) == is_one
+  if is_one:
+    assert table.number("q_yaw", "pose_yaw") == pytest.approx(yaw, abs=0.05)
