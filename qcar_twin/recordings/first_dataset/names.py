@@ -1,6 +1,7 @@
 """What the name of a log's column says: its words, its unit, and the channels that it may be."""
 
 import functools
+import re
 from dataclasses import dataclass
 
 from qcar_twin.recordings.channels import CHANNELS
@@ -121,6 +122,10 @@ _RULES: dict[str, tuple[str, ...]] = {
     "motor|mot|armature i !command",
   ),
 }
+# of the first group of controls of PX4 before 1.14 (docs.px4.io, "Mixing and Actuators"): yaw and throttle, which steer
+# and drive a rover
+_PX4 = re.compile(r"actuator_controls_0\w*\W+control\[(?P<place>\d)\]$")
+_PX4_CONTROLS = ("", "", "steering_command", "motor_duty")
 _MEAN = 0.3  # what the mean of two wheels has before either
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
@@ -152,6 +157,10 @@ def readings(column: str) -> list[Reading]:
     return [Reading(one.channel, one.score + _MEAN, f"{one.why}; {more}") for one in readings(wheel)]
   if column in CHANNELS:
     return [Reading(column, 10.0, "it has the channel's name")]
+  if (control := _PX4.search(column)) is not None:
+    place = int(control["place"])
+    channel = _PX4_CONTROLS[place] if place < len(_PX4_CONTROLS) else ""
+    return [Reading(channel, 3.0, f"PX4's control[{place}] of the first group")] if channel else []
   words, unit = set(words_of(bracketed(column))), unit_of(column)
   bare = set(words_of(BRACKET.sub(" ", bracketed(column))))
   possible = []

@@ -188,7 +188,6 @@ def _named(columns: Columns) -> dict[str, Guess]:
   """By names and units, speeds by which goes first; RecordingError where commands and motion lie in files of their
   own."""
   guesses = guess_columns(columns)
-  guesses |= _documented(columns, guesses)
   settle_speeds(columns, guesses)
   guess_by_unit(columns, guesses)
   settle_letter(columns, guesses)
@@ -196,23 +195,6 @@ def _named(columns: Columns) -> dict[str, Guess]:
     del guesses["motor_speed"]  # the speed needs no pole pairs
   guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
   refuse_parts(columns, guesses)
-  return guesses
-
-
-def _documented(columns: Columns, known: Mapping[str, Guess]) -> dict[str, Guess]:
-  """Commands that no name tells, in every log, of a car whose topics a ready-made map knows: `control[3]` say."""
-  guesses: dict[str, Guess] = {}
-  if known.keys() & set(DRIVE_COMMANDS):
-    return guesses
-  for topics in topic_maps().values():
-    try:
-      documented = topics.mapping(columns.names, topics.name)
-    except RecordingError:  # of another car, or two topics could be meant
-      continue
-    for channel, how in documented.items():
-      everywhere = len(columns.holding(how.column)) == len(columns.tables)
-      if channel in (*DRIVE_COMMANDS, "steering_command") and channel not in known and everywhere:
-        guesses.setdefault(channel, Guess(channel, how.column, how.scale, how.offset, why=[f"map {topics.name}"]))
   return guesses
 
 
