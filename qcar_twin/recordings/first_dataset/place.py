@@ -13,8 +13,8 @@ from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
 from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
-from qcar_twin.recordings.formats.dialect import LONGEST_LINE
 from qcar_twin.recordings.formats.table import NoSamples, Table
+from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 

@@ -1,7 +1,8 @@
 """Files that logs come in: each reader turns one file into a `Table` of named columns.
 
-A module of this folder (or of one added to `__path__`) that reads files says so: `READERS = {".csv": "read_csv"}`, a
-suffix and the function for it. It is imported when such a file is read, so recordings need none of its libraries.
+A module of this folder (or of one added to `__path__`) that reads files says so: `READERS = {".npz": "read_npz"}`, a
+suffix and the function for it, in a package with its module, `"samples.read_text"`. It is imported when such a file is
+read, so recordings need none of its libraries.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def readers() -> dict[str, tuple[str, str]]:
   """Suffix -> module and function that reads such files, as the modules declare them."""
   declared: dict[str, tuple[str, str]] = {}
   for module in pkgutil.iter_modules(__path__):
-    path = Path(str(getattr(module.module_finder, "path", ""))) / f"{module.name}.py"
+    folder = Path(str(getattr(module.module_finder, "path", "")))
+    path = folder / module.name / "__init__.py" if module.ispkg else folder / f"{module.name}.py"
     for suffix, function in _declared(path).items():
       declared[suffix] = (module.name, function)
   return declared
@@ -65,8 +67,9 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
       " tables, one per topic; export it as one of them"
     )
   module, function = known[suffix]
+  inner, _, name = function.rpartition(".")
   try:
-    return getattr(import_module(f"{__name__}.{module}"), function)
+    return getattr(import_module(".".join(filter(None, (__name__, module, inner)))), name)
   except MissingExtra as error:
     raise RecordingError(f"{label}: {error}") from error
 

@@ -8,11 +8,10 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE, encoding_of
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import UNITS, unit_of
 
-LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
-_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}  # of byte order
 _SEPARATORS = "\t;,"  # of two that are in every row the first: a comma may be a decimal mark
 SPACES = " "  # the separator of a text whose columns any number of blanks is between
 _SAMPLE = 40  # lines below which a preamble is over
@@ -54,8 +53,8 @@ def dialect_of(path: Path, label: str) -> Dialect:
   with path.open("rb") as file:
     head = file.read(LONGEST_LINE)
   encoding = encoding_of(head)
-  if encoding not in _MARKS.values() and b"\x00" in head:
-    raise RecordingError(f"{label}: is not UTF-8 text (UTF-16 without a mark, or a binary file); save it as CSV UTF-8")
+  if not encoding.startswith("utf-16") and b"\x00" in head:
+    raise RecordingError(f"{label}: is no text, or damaged: it holds zero bytes; save it as CSV UTF-8")
   text = head.decode(encoding, errors="ignore")
   if len(head) == LONGEST_LINE and not text.strip().count("\n") and "\r" not in text.strip():
     raise RecordingError(
@@ -88,19 +87,6 @@ def dialect_of(path: Path, label: str) -> Dialect:
     return Dialect(separator, decimal, encoding, first, headless=samples)
   names = _names([_cells(lines[k], separator) for k in above]) if len(above) > 1 else ()
   return Dialect(separator, decimal, encoding, first if names else above[0], names)
-
-
-def encoding_of(head: bytes) -> str:
-  """Of a text that begins so: what its mark of byte order says, else UTF-8 where it can be that, else Latin-1."""
-  for mark, name in _MARKS.items():
-    if head.startswith(mark):
-      return name
-  try:
-    head.decode("utf-8")
-  except UnicodeDecodeError as error:
-    if error.start < len(head) - 3 or len(head) < LONGEST_LINE:  # else it is cut off within its last letter
-      return "latin1"
-  return "utf-8"
 
 
 def without_comments(text: str, skipped: int) -> str:
