@@ -45,7 +45,7 @@ def _pairs(first: int, last: int, low: int = 0xA1) -> Callable[[bytes], bool]:
 
 _MARKS_OF_EUC = (_pairs(0xA1, 0xA3), 0.05, 282)  # brackets, stops and full-width letters
 _EAST, _WEST = (0.2, 0.85), (0.05, 0.05)  # stated priors
-# kinds by the standards' rows: common characters come first in JIS X 0208, GB 2312 and Big5; Korean is Hangul's syllables
+# kinds by the standards' rows: common characters come first in JIS X 0208, GB 2312 and Big5; Korean is Hangul
 _LANGUAGES = (
   _Language(
     "cp932",
@@ -69,7 +69,11 @@ _LANGUAGES = (
   _Language(
     "big5",
     *_EAST,
-    ((_pairs(0xA4, 0xC6, 0x40), 0.94, 5401), (_pairs(0xA1, 0xA3, 0x40), 0.05, 408), (_pairs(0xC9, 0xF9, 0x40), 0.01, 7652)),
+    (
+      (_pairs(0xA4, 0xC6, 0x40), 0.94, 5401),
+      (_pairs(0xA1, 0xA3, 0x40), 0.05, 408),
+      (_pairs(0xC9, 0xF9, 0x40), 0.01, 7652),
+    ),
   ),
   _Language(
     "cp1252",

@@ -14,6 +14,7 @@ import pyarrow.csv
 
 from qcar_twin.recordings.formats.columnar import opened, table_of_arrow
 from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.formats.text.counted import with_stated_rate
 from qcar_twin.recordings.formats.text.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
 from qcar_twin.recordings.formats.text.tagged import messages_of, tagged_samples
 from qcar_twin.recordings.recording import RecordingError
@@ -23,6 +24,7 @@ from qcar_twin.recordings.unit_names import words_of
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
 _SHOWN = 40  # characters of a row
+_TORN = 0.005  # a stated prior: of rows, those that a serial line tears; in more the header does not fit the file
 _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 
 
@@ -36,17 +38,7 @@ def read_text(path: Path, label: str) -> Table:
   if (messages := messages_of(path, label)) is not None:
     return messages
   dialect = dialect_of(path, label)
-  try:
-    try:
-      table = _parse(path, dialect)
-    except pyarrow.ArrowInvalid:
-      if b"\n#" not in path.read_bytes():
-        raise
-      table = _parse(path, dialect, plain=True)
-  except pyarrow.ArrowInvalid as error:
-    if "Empty CSV" in str(error):
-      raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
-    raise RecordingError(f"{label}: {_misfit(path, dialect) or error}") from error
+  table, notes = _whole_rows(path, label, dialect)
   if len(table.column_names) == 1:
     raise RecordingError(
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
@@ -55,7 +47,70 @@ def read_text(path: Path, label: str) -> Table:
   _refuse_long(table, label)
   if dialect.headless:
     table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])
-  return dataclasses.replace(table_of_arrow(table, label), headless=dialect.headless)
+  made = dataclasses.replace(table_of_arrow(table, label), headless=dialect.headless, notes=notes)
+  return with_stated_rate(_dated(made, dialect), dialect.rate)
+
+
+def _dated(table: Table, dialect: Dialect) -> Table:
+  """The table with its clock counted from 1970, where its head states when it began."""
+  if dialect.clock not in table or table.columns[dialect.clock].dtype == object:
+    return table
+  columns = dict(table.columns)
+  columns[dialect.clock] = columns[dialect.clock] + dialect.began
+  return dataclasses.replace(table, columns=columns)
+
+
+def _whole_rows(path: Path, label: str, dialect: Dialect) -> tuple[pyarrow.Table, tuple[str, ...]]:
+  """The rows that have a cell for each column, and a note on a few that have not, as where a serial line lost bytes.
+
+  Raises:
+    RecordingError: more rows than a few have another number of cells, or it is no table for another reason.
+  """
+  plain, error = False, None
+  for plain in (False, True):
+    try:
+      return _parse(path, dialect, plain=plain), ()
+    except pyarrow.ArrowInvalid as failed:
+      error = failed
+      if b"\n#" not in path.read_bytes():
+        break
+  if "Empty CSV" in str(error):
+    raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
+  torn: list[pyarrow.csv.InvalidRow] = []
+
+  def skip(row: pyarrow.csv.InvalidRow) -> str:
+    torn.append(row)
+    return "skip"
+
+  try:
+    table = _parse(path, dialect, plain=plain, misfit=skip)
+  except pyarrow.ArrowInvalid:
+    table = None
+  if table is None or not torn:
+    raise RecordingError(f"{label}: {error}") from error
+  said = _misfit(torn[0], 0 if plain or dialect.separator == SPACES else dialect.skipped, dialect)
+  if len(torn) <= _TORN * table.num_rows:
+    more = f" and {len(torn) - 1} more" if len(torn) > 1 else ""
+    return table, (f"{label}: {said}{more}; left out",)
+  more = f"; {len(torn) - 1} more do{'es' if len(torn) == 2 else ''} not fit either" if len(torn) > 1 else ""
+  cut = (
+    " (the last row is often cut off when a logger is killed)"
+    if torn[0].actual_columns < torn[0].expected_columns
+    else ""
+  )
+  which = "those rows" if more else "that row"
+  raise RecordingError(
+    f"{label}: a row does not fit the header: {said}{more}; repair or delete {which}{cut}"
+  ) from error
+
+
+def _misfit(row: pyarrow.csv.InvalidRow, above: int, dialect: Dialect) -> str:
+  """A row with another number of cells than the header, counted from 1 below it."""
+  number = row.number - above - (not dialect.names and not dialect.headless)
+  cells = f"{row.actual_columns} cell{'s' if row.actual_columns != 1 else ''}"
+  begun = " ".join(row.text.split())
+  shown = f"{begun[:_SHOWN]}{'…' if len(begun) > _SHOWN else ''}"
+  return f"row {number} has {cells} where the header has {row.expected_columns} ('{shown}')"
 
 
 def _refuse_words(table: pyarrow.Table, label: str) -> None:
@@ -97,37 +152,6 @@ def _refuse_long(table: pyarrow.Table, label: str) -> None:
       f'their values; give each a column of its own, as pandas\' table.pivot_table(index="time", '
       f'columns="{texts[0]}", values="{values[0]}").reset_index() does'
     )
-
-
-def _misfit(path: Path, dialect: Dialect) -> str:
-  """The first row with another number of cells than the header, counted from 1 below it, how many more there are, and
-  what to do; "" where the file cannot be read for another reason."""
-  rows: list[pyarrow.csv.InvalidRow] = []
-
-  def skip(row: pyarrow.csv.InvalidRow) -> str:
-    rows.append(row)
-    return "skip"
-
-  plain = b"\n#" in path.read_bytes()
-  try:
-    _parse(path, dialect, plain=plain, misfit=skip)
-  except pyarrow.ArrowInvalid:
-    return ""
-  if not rows:
-    return ""
-  first, above = rows[0], 0 if plain or dialect.separator == SPACES else dialect.skipped
-  number = first.number - above - (not dialect.names and not dialect.headless)
-  cells = lambda count: f"{count} cell{'s' if count != 1 else ''}"
-  said = f"row {number} has {cells(first.actual_columns)} where the header has {first.expected_columns}"
-  begun = " ".join(first.text.split())
-  more = f"; {len(rows) - 1} more do{'es' if len(rows) == 2 else ''} not fit either" if len(rows) > 1 else ""
-  torn = (
-    " (the last row is often cut off when a logger is killed)" if first.actual_columns < first.expected_columns else ""
-  )
-  return (
-    f"a row does not fit the header: {said} ('{begun[:_SHOWN]}{'…' if len(begun) > _SHOWN else ''}'){more}; "
-    f"repair or delete {'those rows' if more else 'that row'}{torn}"
-  )
 
 
 def _parse(
