@@ -68,7 +68,7 @@ def dialect_of(path: Path, label: str) -> Dialect:
 
 
 def holds_samples(path: Path) -> bool:
-  """Whether a text is a table, by its first lines: many rows of as many numbers, and not more lines of anything else."""
+  """Whether a text is a table, by its first lines: many rows of as many numbers, not more lines of anything else."""
   try:
     lines, _ = _first_lines(path, path.name)
   except RecordingError:
