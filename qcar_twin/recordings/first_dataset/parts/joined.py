@@ -108,10 +108,16 @@ def as_csv(table: Table) -> str:
   """The text of a table, blank where there is no sample."""
   text = io.StringIO()
   print(*(f'"{name}"' for name in table.columns), sep=",", file=text)
-  cells = [["" if np.isnan(v) else repr(v) for v in column.tolist()] for column in table.columns.values()]
+  cells = [[_cell(value) for value in column.tolist()] for column in table.columns.values()]
   for row in zip(*cells, strict=True):
     print(*row, sep=",", file=text)
   return text.getvalue()
+
+
+def _cell(value: object) -> str:
+  if isinstance(value, float):
+    return "" if np.isnan(value) else repr(value)
+  return "" if value is None else '"' + str(value).replace('"', '""') + '"'
 
 
 def _part(table: Table, columns: Columns) -> Part:
