@@ -13,7 +13,19 @@ from qcar_twin.recordings.unit_names import words_of
 
 _MANY = 20  # rows of a run: nobody drives for fewer
 _AGAIN = 1.0  # s after a file's first time, before which a clock that began again begins
-_RUNS = {"run", "runs", "trial", "take", "session", "experiment", "recording", "drive", "episode", "test", "measurement"}
+_RUNS = {
+  "run",
+  "runs",
+  "trial",
+  "take",
+  "session",
+  "experiment",
+  "recording",
+  "drive",
+  "episode",
+  "test",
+  "measurement",
+}
 
 
 def runs_apart(tables: Sequence[Table]) -> Joined:

@@ -115,7 +115,9 @@ def _of_lines(lines: Sequence[str], encoding: str) -> Dialect:
   if first is None or (not above and first != content[0]):
     above, first = [content[0]], content[min(1, len(content) - 1)]
   if not above:
-    above = _commented_names(commented, cells, wide)
+    above = _nearest(_stack(commented, cells, wide), cells)
+  elif separator == SPACES:
+    above = _nearest(above, cells)
   decimal = "," if any(map(_COMMA.match, _cells(lines[first], separator))) else "."
   if not above:
     below = cells[content[min(content.index(first) + 1, len(content) - 1)]]
@@ -133,9 +135,10 @@ def _separator(sample: str) -> tuple[str, int]:
   return separator, len(_cells(sample, separator))
 
 
-def _commented_names(commented: Sequence[int], cells: dict[int, list[str]], wide: int) -> list[int]:
-  """The last of the comments above the numbers where it has a name for each column, with one of units below it."""
-  last = _stack(commented, cells, wide)[-2:]
+def _nearest(lines: Sequence[int], cells: dict[int, list[str]]) -> list[int]:
+  """The last of some lines above the numbers, with the one above it where it has units: of comments, and of lines in
+  which blanks part words, the others are sentences by chance of as many words as there are columns."""
+  last = list(lines[-2:])
   return last if len(last) < 2 or _mostly([_bare(cell) for cell in cells[last[1]]], _unit) else last[1:]
 
 
