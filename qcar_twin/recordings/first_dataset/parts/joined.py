@@ -106,14 +106,19 @@ def topics_of_one_drive(tables: Sequence[Table], each: Sequence[Columns], topics
 
 
 def as_csv(table: Table) -> str:
-  """The text of a table's numbers, blank where there is no sample."""
+  """The text of a table, blank where there is no sample."""
   text = io.StringIO()
-  columns = {name: column for name, column in table.columns.items() if column.dtype != object}
-  print(*(f'"{name}"' for name in columns), sep=",", file=text)
-  cells = [["" if np.isnan(v) else repr(v) for v in column.tolist()] for column in columns.values()]
+  print(*(f'"{name}"' for name in table.columns), sep=",", file=text)
+  cells = [[_cell(value) for value in column.tolist()] for column in table.columns.values()]
   for row in zip(*cells, strict=True):
     print(*row, sep=",", file=text)
   return text.getvalue()
+
+
+def _cell(value: object) -> str:
+  if isinstance(value, float):
+    return "" if np.isnan(value) else repr(value)
+  return "" if value is None else '"' + str(value).replace('"', '""') + '"'
 
 
 def _merged(name: str, group: Sequence[tuple[Part, float]], prefixes: Mapping[str, str]) -> Table:
