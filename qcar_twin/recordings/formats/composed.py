@@ -182,7 +182,8 @@ def _of_vectors(table: Table) -> dict[str, np.ndarray]:
   made: dict[str, np.ndarray] = {}
   for stem, values in _vectors(table, 4).items():
     turned = np.nanmax(np.abs(values), axis=1)
-    small = tuple(sorted(int(k) for k in np.argsort(turned)[:2]))
+    least, next_least = sorted(int(k) for k in np.argsort(turned)[:2])
+    small = (least, next_least)
     level = small in _PLANAR and _ABOUT * turned[list(small)].max() < np.delete(turned, small).min()
     if set(words_of(stem)) & _ROTATIONS and level and _of_rotations(values):
       w, about = _PLANAR[small]
