@@ -20,6 +20,7 @@ EXTRA_OF = {
   "stable_baselines3": "learn",
   "tensorboard": "learn",
   "torch": "learn",
+  "h5py": "matlab",
   "matio": "matlab",
   "mcap": "logs",
   "mcap_protobuf": "logs",

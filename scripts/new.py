@@ -14,6 +14,7 @@ import tyro
 from calibration.log_check.report import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
+from qcar_twin.recordings.first_dataset.parts.apart import runs_apart
 from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
 from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows, without_header
 from qcar_twin.recordings.first_dataset.propose import propose
@@ -41,17 +42,19 @@ def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
   read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,), config.folder)))
   logs = [log for log, _ in read]
-  drives = joined([table for _, table in read])
-  for table in drives.made:
+  runs = runs_apart([table for _, table in read])
+  drives = joined(runs.tables)
+  written = {log.name for log in logs if log.made}
+  made = drives.made or (*(table for table in runs.tables if table.label in written), *runs.made)
+  for table in made:
     if (config.folder / table.label).exists():
       raise RecordingError(f"{config.folder / table.label}: is there already and is not replaced; remove it")
   tables = drives.tables
   proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
-  print("".join(f"{line}\n" for line in drives.said), end="")
-  for table in drives.made:
+  print("".join(f"{line}\n" for line in (*runs.said, *drives.said)), end="")
+  for table in made:
     print(f"  written: {write_text(config.folder / table.label, as_csv(table))}")
-  if not drives.made:
-    copy_in(config.folder, logs)
+  copy_in(config.folder, [log for log in logs if any(log.name == table.label for table in tables)])
   path = write_text(config.folder / FILE_NAME, proposal.text)
   print(f"{path}: {len(tables)} log{'s' if len(tables) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
   print("\n".join(f"  {line}" for line in proposal.channels))

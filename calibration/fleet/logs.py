@@ -11,7 +11,7 @@ from qcar_twin.recordings.first_dataset.parts.joined import as_one_drive, joined
 from qcar_twin.recordings.first_dataset.parts.pairing import words_of_file
 from qcar_twin.recordings.first_dataset.place import is_document, logs_of
 from qcar_twin.recordings.formats import read_table
-from qcar_twin.recordings.formats.dialect import LONGEST_LINE
+from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 

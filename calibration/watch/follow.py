@@ -17,8 +17,8 @@ from qcar_twin.extras import extra
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import read_table
-from qcar_twin.recordings.formats.dialect import LONGEST_LINE, encoding_of
 from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE, encoding_of
 from qcar_twin.recordings.manifest import Manifest, Mapped
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream

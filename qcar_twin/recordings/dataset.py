@@ -21,9 +21,10 @@ from qcar_twin.recordings.checks.faults import (
   without_lost,
   without_stuck,
 )
-from qcar_twin.recordings.checks.jumps import Jump, without_jumps
+from qcar_twin.recordings.checks.jumps import Jump, refuse_changed_units, without_jumps
+from qcar_twin.recordings.checks.pushes import without_lifted
 from qcar_twin.recordings.checks.repeats import refuse_repeats
-from qcar_twin.recordings.checks.steered import without_unsteered
+from qcar_twin.recordings.checks.steered import without_dead_steering, without_unsteered
 from qcar_twin.recordings.checks.supply import supply_notes
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units, check_way, without_spikes
@@ -80,8 +81,10 @@ class DataSet:
         raise
       recordings += made
       warnings += notes
+    recordings, lifted = without_lifted(recordings, manifest.vehicle)
+    recordings, dead = without_dead_steering(recordings, manifest.vehicle)
     recordings, unsteered = without_unsteered(recordings)
-    warnings += unsteered + refuse_repeats(recordings) + supply_notes(recordings, manifest.vehicle)
+    warnings += lifted + dead + unsteered + refuse_repeats(recordings) + supply_notes(recordings, manifest.vehicle)
     for notice in gathered(warnings):
       _log.warning(notice)
     return cls(
@@ -163,6 +166,7 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   whole, beyond, clipped = without_clipped(whole)
   notes += [*spikes, *left_out, *flickers, *said, *clipped]
   pieces, cuts = _cut(whole, jumps, stuck)
+  refuse_changed_units(whole)
   signs = check_units(whole, manifest.vehicle)
   check_clock_unit(whole)
   pieces, said = completed(pieces, manifest.vehicle, table.label)

@@ -4,10 +4,11 @@ import math
 import re
 
 from qcar_twin.recordings.channels import GRAVITY
-from qcar_twin.recordings.languages import in_english, plain
+from qcar_twin.recordings.languages import in_english, of_east, plain
 
 _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_EAST = re.compile(r"([\u3041-\u30ff\u3400-\u9fff\uac00-\ud7a3]+)")  # kana, ideographs and hangul
 # of its driver's topics: what a VESC measures, and is set to, in electrical revolutions a minute
 _VESC_SPEEDS = ({"sensors", "core", "speed"}, {"commands", "motor", "speed"})
 # the ends of names that an ODrive's axes have for what they measure and are set to, of firmware 0.5 and later (its API
@@ -20,7 +21,13 @@ _ODRIVE: dict[tuple[str, ...], str] = {
 _ODRIVES = {"odrive", "odrv", "axis"}
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 _ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
-VECTORS = {"xyz", "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
+# words that say that something was asked for, and not measured
+COMMANDED = (
+  "command", "commands", "commanded", "cmd", "target", "desired", "des", "setpoint", "set", "ref", "reference", "goal",
+  "req", "request", "requested", "demand", "demanded", "wanted",
+)  # fmt: skip
+_AXES = {"xyz", "xy"}  # names of a vector that has so many elements
+VECTORS = {*_AXES, "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
 
 # a unit as people write it -> the SI unit it is of, and the factor to it
 UNITS: dict[str, tuple[str, float]] = {
@@ -39,7 +46,9 @@ UNITS: dict[str, tuple[str, float]] = {
   ),
   **dict.fromkeys(("mrad/s",), ("rad/s", 1e-3)),
   **dict.fromkeys(("mdps", "mdeg/s"), ("rad/s", 1e-3 * math.pi / 180.0)),
-  **dict.fromkeys(("rpm", "1/min", "erpm"), ("rad/s", math.tau / 60.0)),
+  **dict.fromkeys(
+    ("rpm", "1/min", "erpm", "tr/min", "u/min", "giri/min", "min-1", "min^-1"), ("rad/s", math.tau / 60.0)
+  ),
   **dict.fromkeys(("rps", "rev/s", "turn/s", "turns/s", "1/s"), ("rad/s", math.tau)),
   **dict.fromkeys(("m/s", "mps", "m/sec", "meters/per/sec", "metres/per/sec", "meters/per/second"), ("m/s", 1.0)),
   **dict.fromkeys(("km/h", "kmh", "kph", "kmph"), ("m/s", 1 / 3.6)),
@@ -80,13 +89,17 @@ def bracketed(column: str) -> str:
 
 def words_of(column: str) -> tuple[str, ...]:
   """Lower-case English words of a name: "steeringAngle [deg]" has steering, angle, deg, and so has "Lenkwinkel [deg]".
-  An element of a vector of three goes by its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
-  words = tuple(english for word in _WORD.findall(plain(column)) for english in in_english(word.lower()))
+  An element of a vector goes by its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
+  words: tuple[str, ...] = ()
+  for place, part in enumerate(_EAST.split(column)):
+    western = _WORD.findall(plain(part)) if place % 2 == 0 else ()
+    words += of_east(part) if place % 2 else tuple(english for word in western for english in in_english(word.lower()))
   if (element := _ELEMENT.search(column)) is None or not set(words) & VECTORS:
     return words
   first = 0 if element["zero"] else 1
   place = int(element["zero"] or element["one"]) - first
-  return (*(word for word in words[:-1] if word != "xyz"), "xyz"[place]) if 0 <= place < 3 else words
+  length = 2 if "xy" in words else 3
+  return (*(word for word in words[:-1] if word not in _AXES), "xyz"[place]) if 0 <= place < length else words
 
 
 def is_electrical(column: str) -> bool:
@@ -118,10 +131,13 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
     return (unit := _ODRIVE[words[-2:]], *UNITS[unit.lower()])
   if len(words) == 1 and words[0] in _ALONE:
     return (words[0], *UNITS[words[0]])
+  for count in (3, 2):
+    if len(words) == count and (written := words[0] + "/" + "".join(words[1:])) in UNITS:
+      return (written, *UNITS[written])  # mm_s: it is nothing but a unit
   for count in (3, 2, 1):
     if len(words) > count:
       tail = words[-count:]
       for written in ("/".join(tail), tail[0] + "/" + "".join(tail[1:]), "".join(tail)):
         if written in UNITS:
           return (written, *UNITS[written])
-  return ("rpm", *UNITS["rpm"]) if "rpm" in words else None  # motor_rpm_cmd: it is nothing but a unit
+  return ("rpm", *UNITS["rpm"]) if "rpm" in words else None  # motor_rpm_cmd

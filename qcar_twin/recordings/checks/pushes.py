@@ -1,4 +1,5 @@
 """Motion that the drive's command explains nothing of: a car that was pushed, towed or carried, or that rolled down.
+And wheels that turned while the car stood, on a stand or in the air.
 
 With nothing commanded a car on a level floor only slows down. How far it may speed up all the same is physics: a floor
 inclined by a few degrees pulls with g sin of the angle.
@@ -6,13 +7,13 @@ inclined by a few degrees pulls with g sin of the angle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from qcar_twin.recordings.checks.acted import Stretch
 from qcar_twin.recordings.checks.driving import MOVING, PERIOD, Drive, driven, runs, smoothed
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, RecordingError
 
 _LONGEST_LAG = 0.5  # s, for which a drive may go on after its command ended, or before the next, stamped late
 _SLOPE = 9.81 * np.sin(np.radians(3.0))  # m/s^2: floors of rooms and yards are inclined by less (5 %)
@@ -21,6 +22,10 @@ _SMOOTH = 5  # rows of the grid in a mean of the speed, 0.25 s
 _SURE = 5.0  # deviations of such a mean: a drive has a thousand of them
 _WITNESSED = 0.5  # of the rise that another sensor shows, or that is lost again: halfway between all and nothing
 _PATH = 0.2  # s, over which a path's speed is taken
+_BIN, _LEAST = 0.25, 20  # s, over which wheels and forces are compared, and bins that tell
+# times what is felt, from which wheels speed up and the car does not, whatever their radius; m/s^2 that any drive takes
+_TIMES, _DRIVEN = 5.0, 0.3
+_TURNS, _SPAN, _UNLIKE = 0.05, 0.3, 0.3  # rad/s and m within which a car stands, and correlation of force with wheels
 
 
 def pushed_stretches(recordings: Sequence[Recording], channel: str, scale: float = 1.0) -> list[Stretch]:
@@ -113,3 +118,62 @@ def _along_the_path(recording: Recording, start: float, end: float) -> float | N
   edges = np.array([[start - 0.5 * _PATH, start + 0.5 * _PATH], [end - 0.5 * _PATH, end + 0.5 * _PATH]])
   moved = np.hypot(*(np.diff(np.interp(edges, s.time, s.value), axis=1)[:, 0] for s in (x, y)))
   return float(moved[1] - moved[0]) / _PATH
+
+
+def without_lifted(
+  recordings: Sequence[Recording], vehicle: Mapping[str, float | str]
+) -> tuple[list[Recording], list[str]]:
+  """The recordings without those in which the wheels turned and the car stood, and a note on each.
+
+  Args:
+    vehicle: numbers of the car, by which a motor's speed is one over ground.
+
+  Raises:
+    RecordingError: no other recording is left.
+  """
+  travel = float(vehicle.get("gear_ratio", np.nan)) * float(vehicle.get("wheel_radius", np.nan))
+  lifted = [r for r in recordings if is_lifted(r, travel)]
+  said = (
+    "the wheels speed up and slow down, and neither accelerometer nor gyro nor place moves: the car stood, with its"
+  )
+  notes = [f"{r.file or r.name}: {said} wheels in the air" for r in lifted]
+  if notes and len(lifted) == len(recordings):
+    raise RecordingError(f"{notes[0]}; give recordings of a car that drives")
+  return [r for r in recordings if r not in lifted], [f"{note}; it is left out" for note in notes]
+
+
+def is_lifted(recording: Recording, travel: float) -> bool:
+  """Whether wheels speed up and slow down in a recording and nothing else moves.
+
+  Args:
+    travel: m per rad of the motor, for logs without a speed.
+  """
+  has = set(recording.channels) - set(recording.derived)
+  name = "speed" if "speed" in has else "motor_speed"
+  if not {name, "accel_x"} <= has or not has & {"yaw_rate", "pose_x"}:
+    return False
+  edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
+  if len(edges) <= _LEAST:
+    return False
+  gained = np.diff(recording[name].interpolate(edges)) / _BIN * (travel if name == "motor_speed" else 1.0)
+  felt, turned = _mean(recording, "accel_x", edges), _mean(recording, "yaw_rate", edges)
+  both = np.isfinite(gained) & np.isfinite(felt)
+  if both.sum() < _LEAST or not np.std(gained[both]) > max(_TIMES * np.std(felt[both]), _DRIVEN):
+    return False
+  if np.nanstd(turned) > _TURNS if np.isfinite(turned).any() else False:
+    return False
+  if "pose_x" in has and np.ptp(recording["pose_x"].value) > _SPAN:
+    return False
+  return np.ptp(felt[both]) == 0.0 or abs(float(np.corrcoef(gained[both], felt[both])[0, 1])) < _UNLIKE
+
+
+def _mean(recording: Recording, name: str, edges: np.ndarray) -> np.ndarray:
+  """A channel's means between edges; NaN where it has no sample, or is not there."""
+  if name not in recording:
+    return np.full(len(edges) - 1, np.nan)
+  stream = recording[name]
+  which = np.digitize(stream.time, edges) - 1
+  inside = (which >= 0) & (which < len(edges) - 1)
+  count = np.bincount(which[inside], minlength=len(edges) - 1)
+  total = np.bincount(which[inside], stream.value[inside], minlength=len(edges) - 1)
+  return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from qcar_twin.recordings.completed import heading_or_course
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, RecordingError
 
 _GYRO = 0.2  # rad/s about its median: ten times a gyro's usual zero, and what a car that goes straight on doesn't reach
 ACROSS = ("accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw", "pose_score")  # what turning shows in
 _TURN = 0.5  # rad of the heading, for cars without a gyro: a straight run drifts by less
+_BIN, _LEAST = 0.25, 20  # s, over which turning and steering are compared, and bins that tell
+_MOVES = 0.3  # of the top speed, from which a path's curvature is known
+# a command that moves by less than a tenth of what the path takes, and does not go with it, steered nothing; one in
+# another unit goes with it
+_STILL, _ALIKE = 0.1, 0.5
+_STEERED = 0.15  # rad between the angles that a path takes: two thirds of a car's lock, and no trim
+_LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command
 
 
 def without_unsteered(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -27,6 +34,67 @@ def without_unsteered(recordings: Sequence[Recording]) -> tuple[list[Recording],
     for r in blind
   ]
   return [r for r in recordings if r not in blind], notes
+
+
+def without_dead_steering(
+  recordings: Sequence[Recording], vehicle: Mapping[str, float | str]
+) -> tuple[list[Recording], list[str]]:
+  """The recordings, without a steering command that stays where it is while the car turns as no such angle lets it, and
+  a note on each: a sensor of the steering that is not connected, a command that went elsewhere. A command that never
+  changes at all is one: 0, say, of a car that was to go straight on.
+
+  Args:
+    vehicle: numbers of the car, of which the wheelbase counts, and what travel a turn of its motor is.
+
+  Raises:
+    RecordingError: no recording holds another.
+  """
+  kept, notes = [], []
+  number = lambda key: float(vehicle.get(key, np.nan))
+  wheelbase, travel = number("cg_to_front") + number("cg_to_rear"), number("gear_ratio") * number("wheel_radius")
+  for recording in recordings:
+    if (stays := _dead_at(recording, wheelbase, travel)) is None:
+      kept.append(recording)
+      continue
+    streams = {name: stream for name, stream in recording.streams.items() if name != "steering_command"}
+    kept.append(recording.replace(streams=streams))
+    notes.append(
+      f"{recording.file or recording.name}: steering_command stays at {stays:.2g} rad while the car turns as that "
+      "angle does not let it: a sensor that is not connected, or a command that went elsewhere"
+    )
+  if notes and not any("steering_command" in recording for recording in kept):
+    cure = "map the command that steered the car, or take steering_command out of [channels] to judge the drive alone"
+    raise RecordingError(f"{notes[0]}; {cure}")
+  return kept, [f"{note}; it is left out" for note in notes]
+
+
+def _dead_at(recording: Recording, wheelbase: float, travel: float) -> float | None:
+  """The angle, rad, at which a steering command stays that did not steer the car; None where it did, or where the
+  wheelbase, m, or of a log without a speed the `travel` of a turn of the motor, m/rad, is not known."""
+  speeds = [name for name in ("speed", "motor_speed") if name in recording]
+  if not {"steering_command", "yaw_rate"} <= set(recording.channels) or not speeds:
+    return None
+  middle = np.arange(recording.start + _BIN, recording.end - _BIN, _BIN)
+  speed = recording[speeds[0]].interpolate(middle) * (travel if speeds[0] == "motor_speed" else 1.0)
+  rate = recording["yaw_rate"].interpolate(middle)
+  known = np.isfinite(speed) & np.isfinite(rate)
+  known &= np.abs(speed) > _MOVES * np.max(np.abs(speed[known]), initial=0.0)
+  if known.sum() < _LEAST:
+    return None
+  turns = np.arctan(wheelbase * rate[known] / speed[known])
+  commanded = [recording["steering_command"].at(middle[known] - lag) for lag in _LAGS]
+  spread = lambda values: float(np.subtract(*np.percentile(values, [95.0, 5.0])))
+  path = spread(turns)
+  if path < max(abs(float(np.median(turns))), _STEERED):
+    return None  # it went straight on, as far as trim and floor let it, or round one circle
+  if not 0.0 < spread(commanded[0]) < _STILL * path or max(_correlated(angle, turns) for angle in commanded) > _ALIKE:
+    return None
+  return float(np.median(commanded[0]))
+
+
+def _correlated(a: np.ndarray, b: np.ndarray) -> float:
+  """Size of the correlation; 0 of what is constant."""
+  return abs(float(np.corrcoef(a, b)[0, 1])) if np.ptp(a) > 0.0 and np.ptp(b) > 0.0 else 0.0
 
 
 def turns_unsteered(recordings: Sequence[Recording]) -> bool:

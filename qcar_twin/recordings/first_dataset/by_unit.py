@@ -21,7 +21,8 @@ _ONE = {
   "m/s": ("speed", ("speed", "motor_speed")),
   "rad/s": ("yaw_rate", ("yaw_rate",)),
 }
-_MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported"}  # what a servo did, and no command
+# what a servo or the body did, and no command: a body rolls with its turning
+_MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported", "roll", "pitch", "rx", "ry"}
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
 _FOLLOWS = 0.8  # correlation with the speed, lagged, from which it follows a command, as of two speeds
 _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
@@ -32,6 +33,7 @@ def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
   that channel by name; an angle and two accelerations where the motion confirms them. The battery's voltage first."""
   settle_battery(columns, guesses)
   _only_ones(columns, guesses)
+  settle_battery(columns, guesses)
   _accelerations(columns, guesses)
   _steering(columns, guesses)
   _pulses(columns, guesses)
@@ -141,7 +143,9 @@ def _unknown(columns: Columns, guesses: dict[str, Guess], unit: str) -> list[str
   taken = {guess.column for guess in guesses.values()}
   said = lambda name: BRACKET.search(name) and (written := unit_of(name)) is not None and written[1] == unit
   free = [name for name in columns.names if name not in taken and said(name)]
-  return [name for name in free if not readings(name) and not columns.constant(name)]
+  return [
+    name for name in free if not readings(name) and not columns.constant(name) and not set(words_of(name)) & _MEASURED
+  ]
 
 
 def _add(columns: Columns, guesses: dict[str, Guess], channel: str, name: str, why: str) -> None:

@@ -14,7 +14,7 @@ from qcar_twin.recordings.formats.axles import of_wheels
 from qcar_twin.recordings.formats.composed import parts_of_others
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import is_electrical, unit_of, words_of
+from qcar_twin.recordings.unit_names import UNITS, is_electrical, unit_of, words_of
 from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
@@ -187,7 +187,7 @@ def _of_a_message(columns: Columns, name: str) -> list[Reading]:
 
 def _clock(columns: Columns) -> Guess | None:
   """A clock whose name says time and that some rows were written late in, or whose steps it has; else one that rises,
-  whatever it is called, but no row numbers without a name."""
+  whatever it is called, but no numbers of the rows: what counts them by ones says a unit of time where it is one."""
   named = [name for name in columns.names if any(reading.channel == "time" for reading in readings(name))]
   for name in named:
     if columns.rises(name, _LATE_ROWS):
@@ -200,7 +200,8 @@ def _clock(columns: Columns) -> Guess | None:
   for name in (*named, *(name for name in columns.names if set(words_of(name)) & _STEPS)):
     if columns.steps(name):
       return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
-  numbers = lambda name: name.lower().startswith("unnamed") and columns.counts(name)
+  in_time = lambda name: (unit := unit_of(name)) is not None and unit[1] == "s"
+  numbers = lambda name: columns.counts(name) and not in_time(name) and name.lower() not in UNITS
   rising = [name for name in columns.names if columns.rises(name) and columns.evenly(name) and not numbers(name)]
   return Guess("time", rising[0], why=["it rises through every file"]) if rising else None
 
@@ -238,9 +239,6 @@ def scale(columns: Columns, guess: Guess) -> None:
     if guess.channel == "motor_speed" and is_electrical(guess.column):
       guess.scale /= _POLE_PAIRS
       guess.why.append(f"of the field, which turns {_POLE_PAIRS:g} times as fast as a motor of 4 poles")
-    if guess.channel == "motor_speed" and of_wheels(guess.column):
-      guess.scale /= QCAR.gear_ratio
-      guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
   elif guess.channel == "speed_command" and unit is not None and unit[1] == CHANNELS["motor_speed"].unit:
     guess.scale, guess.named = unit[2] / (_POLE_PAIRS if is_electrical(guess.column) else 1.0), True
     guess.why.append(f"in {unit[0]}")
@@ -258,6 +256,9 @@ def scale(columns: Columns, guess: Guess) -> None:
     if usual:
       guess.scale = usual[0][1]
       guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
+  if guess.channel == "motor_speed" and of_wheels(guess.column):
+    guess.scale /= QCAR.gear_ratio
+    guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
 
 
 def _scale_time(columns: Columns, guess: Guess) -> None:

@@ -55,9 +55,12 @@ def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bo
   too, turns the other way, since a place of exchanged axes looks the same, or where the place is east and north, or the
   heading's own name says so (`geographic`)."""
   course, heading = courses(recordings)
-  if len(course) < _LEAST:
-    return
   opposed = contrary(recordings)
+  if len(course) < _LEAST:
+    if geographic and opposed:
+      guess.scale, guess.offset = -guess.scale, 0.5 * math.pi - guess.offset
+      guess.why.append("clockwise from north by its name, as the gyro turns")
+    return
   signs = (1.0, -1.0) if geographic and not opposed else (-1.0 if opposed else 1.0,)
   now, units = abs(_mean(course, heading)), (1.0,) if guess.named else (1.0, _DEGREE)
   means = {sign * unit: _mean(course, sign * unit * heading) for unit in units for sign in signs}

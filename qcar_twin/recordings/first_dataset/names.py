@@ -1,10 +1,12 @@
 """What the name of a log's column says: its words, its unit, and the channels that it may be."""
 
+import functools
+import re
 from dataclasses import dataclass
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.formats.axles import MEAN, NO_SPEEDS, SIDES
-from qcar_twin.recordings.unit_names import BRACKET, UNITS, bracketed, unit_of, words_of
+from qcar_twin.recordings.unit_names import BRACKET, COMMANDED, UNITS, bracketed, unit_of, words_of
 
 # who measures a place, and what it is called
 _PLACES = (
@@ -12,7 +14,8 @@ _PLACES = (
   "|marker|tracker|state|gps|gnss"
 )
 
-# words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
+# words that make a column a channel: all of the terms, each in one of its spellings, `command` in any of COMMANDED;
+# after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
   "time": (
     "ms today",
@@ -20,84 +23,78 @@ _RULES: dict[str, tuple[str, ...]] = {
     "time|timestamp|tstamp|stamp|clock|elapsed|tout|ts|t",
   ),
   "motor_voltage": (
-    "motor|mot|command|commands|commanded|cmd|applied|armature|input|esc|drive|throttle voltage|volt|volts|v"
-    " !battery|bat|batt|supply|measured",
+    "motor|mot|command|applied|armature|input|esc|drive|throttle voltage|volt|volts !battery|bat|batt|supply|measured",
+    "motor|mot|cmd|commanded|applied|armature|input|esc|drive|throttle v !battery|bat|batt|supply|measured",
     "voltage|volts !battery|bat|batt|vbat|supply|measured",
     "motor|mot u !measured",
   ),
   "motor_duty": (
     "duty|pwm|throttle|gas|thr !steering|steer|servo|servos",
-    "duty|pwm|throttle|gas|thr command|commands|commanded|cmd|target|desired|setpoint|ref|reference"
-    " !steering|steer|servo|servos",  # a drive's telemetry has a duty, too
+    "duty|pwm|throttle|gas|thr command !steering|steer|servo|servos",  # a drive's telemetry has a duty, too
     "actuator|actuators motor|motors",
+    "motor|mot|engine command !steering|steer|servo|servos|angle|speed|spd|velocity|vel|rpm|erpm|rps|omega|w|rad"
+    "|voltage|volt|volts|v|u|current|amps|a|i|iq|torque|force|acceleration|accel|acc|position|pos|ticks|temp"
+    "|temperature",
     "esc !voltage|volt|volts|v|current|amps|temp|temperature|rpm|speed|steering|servo",
     "pedal|accelerator !brake|clutch|steering",
   ),
   "motor_current": (
-    "current|amps command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
+    "current|amps command",
     "axis|odrive|odrv iq setpoint",
   ),
   "speed_command": (
-    "speed|spd|velocity|vel|v|rpm|erpm"
-    " command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|goal|control"
-    " !angular|ang|yaw|steering|z|y",
+    "speed|spd|velocity|vel|v|rpm|erpm command|control !angular|ang|yaw|steering|z|y",
     "axis|odrive|odrv vel input|setpoint",
   ),
-  "acceleration_command": (
-    "accel|accl|acc|acceleration|a command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|input|u"
-    " !angular|ang|yaw|steering|lateral|lat|z|y",
-  ),
+  "acceleration_command": ("accel|accl|acc|acceleration|a command|input|u !angular|ang|yaw|steering|lateral|lat|z|y",),
   "steering_command": (
     "steering|steer|steered|servo|servos|delta|deltawheel|df|str"
     " !measured|actual|feedback|fb|report|reported|velocity|rate|speed",
+    "direction command !measured|actual|feedback|fb|report|reported|speed|rate|motor|gear",
     "wheel angle !measured|actual|feedback|fb|report|reported",
     "user|pilot|joystick|joy angle !measured|actual|feedback|fb|report|reported",
   ),
   "motor_speed": (
-    "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w"
-    " !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
-    "wheel|wheels|encoder|enc|motor|mot|rotor rad|omega !angle|steering|steer|position|pos|imu|gyro|command|cmd|target",
-    "rpm !e|command|commands|commanded|cmd|target|desired|des",
+    "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w !command",
+    "wheel|wheels|encoder|enc|motor|mot|rotor rad|omega|w|rpm|rps !angle|steering|steer|position|pos|imu|gyro|command",
+    "rpm !e|command",
     "rps !gyro|gyr",
-    "e rpm !command|commands|commanded|cmd|target|desired|des",
-    "erpm !command|commands|commanded|cmd|target|desired|des",
+    "e rpm !command",
+    "erpm !command",
     "sensors core speed",
     "axis|odrive|odrv vel estimate",
   ),
   "speed": (
-    "speed|spd|velocity|vel|vels|v"
-    " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|steering"
-    "|y|z|lateral",
-    "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
-    "v long|longitudinal|lon !command|commands|commanded|cmd|target|desired|des",
+    "speed|spd|velocity|vel|vels|v !angular|yaw|gyro|motor|command|steering|y|z|lateral",
+    "v enc|encoder|meas|measured|actual|act|odom|odo|wheel !y|z|command",
+    "v long|longitudinal|lon !command",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "v ego",
-    "motor tach !command|commands|commanded|cmd|target|rpm|rad",
-    "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command|commands|commanded|cmd",
+    "motor tach !command|rpm|rad",
+    "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command",
   ),
   "accel_x": (
-    "acc|accel|acl|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
+    "acc|accel|acl|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|command",
     "g|gforce lon|long|longitudinal",
     "ax|accx|accelx !angular",
     "a ego",
   ),
   "accel_y": (
-    "acc|accel|acl|acceleration|accelerometer|a y|left|lat|lateral !angular|target|command|commanded",
+    "acc|accel|acl|acceleration|accelerometer|a y|left|lat|lateral !angular|command",
     "g|gforce lat|lateral",
     "ay|accy|accely !angular",
   ),
   "yaw_rate": (
-    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired|des",
+    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !command",
     "gyro|gyroscope|gyr|angular|ang|omega|w z|yaw"
-    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commands|commanded|cmd|target|desired"
-    "|des",
+    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command",
     "imu z !accel|acc|acl|acceleration|accelerometer|linear|mag|orientation|q|quat|quaternion|position|pos",
     "rate rotation z",
-    "angular speed|velocity|vel|rate !x|y|motor|wheel|command|commands|commanded|cmd|target|desired|des",
+    "angular speed|velocity|vel|rate !x|y|motor|wheel|command",
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
-    "w psi|yaw !command|commands|commanded|cmd|target|desired|des",
-    "omega !motor|wheel|shaft|left|right|x|y|command|commands|commanded|cmd|target|desired|des",
+    "w psi|yaw !command",
+    "omega !motor|wheel|shaft|left|right|x|y|command",
     "w imu|gyro",
   ),
   "pose_x": (
@@ -113,18 +110,22 @@ _RULES: dict[str, tuple[str, ...]] = {
     "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": (
-    "yaw|heading|theta|psi|phi|orientation|compass|azimuth|bearing"
-    " !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired|des",
+    "yaw|heading|theta|psi|phi|orientation|compass|azimuth|bearing !rate|dot|vel|velocity|speed|gyro|x|z|w|command",
     "rz !rate|vel|velocity|speed",
   ),
   "pose_score": ("score|confidence|quality",),
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|level|soc|temperature|power",),
   "armature_current": (
-    "current|amps !command|commands|commanded|cmd|target|desired|des|setpoint|battery|supply|time",
+    "current|amps !command|battery|supply|time|in|input",
+    "current|amps motor|mot|armature|phase !command|in|input",
     "axis|odrive|odrv iq measured",
-    "motor|mot|armature i !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
+    "motor|mot|armature i !command",
   ),
 }
+# of the first group of controls of PX4 before 1.14 (docs.px4.io, "Mixing and Actuators"): yaw and throttle, which steer
+# and drive a rover
+_PX4 = re.compile(r"actuator_controls_0\w*\W+control\[(?P<place>\d)\]$")
+_PX4_CONTROLS = ("", "", "steering_command", "motor_duty")
 _MEAN = 0.3  # what the mean of two wheels has before either
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
@@ -156,14 +157,17 @@ def readings(column: str) -> list[Reading]:
     return [Reading(one.channel, one.score + _MEAN, f"{one.why}; {more}") for one in readings(wheel)]
   if column in CHANNELS:
     return [Reading(column, 10.0, "it has the channel's name")]
+  if (control := _PX4.search(column)) is not None:
+    place = int(control["place"])
+    channel = _PX4_CONTROLS[place] if place < len(_PX4_CONTROLS) else ""
+    return [Reading(channel, 3.0, f"PX4's control[{place}] of the first group")] if channel else []
   words, unit = set(words_of(bracketed(column))), unit_of(column)
   bare = set(words_of(BRACKET.sub(" ", bracketed(column))))
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
-    if not met and channel == "speed" and words & {"wheel", "wheels"}:
-      over_ground = unit is not None and unit[1] == "m/s"
-      met = [("wheel",)] if over_ground or (unit is None and words & SIDES and not words & NO_SPEEDS) else []
+    if not met and channel in ("speed", "motor_speed"):
+      met = _of_a_unit(channel, words, unit)
     if not met:
       continue
     best = max(met, key=len)
@@ -185,13 +189,32 @@ def readings(column: str) -> list[Reading]:
   return sorted(possible, key=lambda reading: -reading.score)
 
 
+def _of_a_unit(channel: str, words: set[str], unit: tuple[str, str, float] | None) -> list[tuple[str, ...]]:
+  """What makes a column the car's or the motor's speed by its unit: a wheel's, over ground or turning; a name that is
+  nothing but a unit of speed."""
+  of_wheel = words & {"wheel", "wheels"} and not words & set(COMMANDED)
+  if unit is None:
+    return [("wheel",)] if channel == "speed" and of_wheel and words & SIDES and not words & NO_SPEEDS else []
+  if unit[1] != CHANNELS[channel].unit:
+    return []
+  if of_wheel:
+    return [("wheel",)] if channel == "speed" or not words & NO_SPEEDS else []
+  return [(unit[0],)] if channel == "speed" and words == set(words_of(unit[0])) else []
+
+
+@functools.cache
+def _spellings(term: str) -> tuple[str, ...]:
+  """The words that meet a term of a rule; `command` stands for all words that say so."""
+  return tuple(word for one in term.split("|") for word in (COMMANDED if one == "command" else (one,)))
+
+
 def _met(rule: str, words: set[str], bare: set[str]) -> tuple[str, ...]:
   """The words that meet a rule, one per term; empty where one is not met or a forbidden one is there. `bare`: those
   outside brackets."""
   wanted, _, forbidden = rule.partition(" !")
-  if words & set(forbidden.split("|")):
+  if words & set(_spellings(forbidden)):
     return ()
-  terms = [next((word for word in term.split("|") if word in words), "") for term in wanted.split(" ")]
+  terms = [next((word for word in _spellings(term) if word in words), "") for term in wanted.split(" ")]
   if len(terms) == 1 and len(terms[0]) == 1 and any(word not in UNITS for word in bare - set(terms)):
     return ()  # a letter is a name only where it stands alone
   return tuple(terms) if all(terms) else ()

@@ -1,11 +1,12 @@
 """Where the logs of a new data set lie: those inside its folder stay, others are copied in; nothing is replaced."""
 
+import dataclasses
 import os
 import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from qcar_twin.atomic_io import whole_file
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
@@ -13,8 +14,11 @@ from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
 from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
-from qcar_twin.recordings.formats.dialect import LONGEST_LINE
-from qcar_twin.recordings.formats.table import NoSamples, Table
+from qcar_twin.recordings.formats.table import NoSamples, SeveralRecordings, Table
+from qcar_twin.recordings.formats.text import READERS as TEXTS
+from qcar_twin.recordings.formats.text.dialect import holds_samples
+from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE
+from qcar_twin.recordings.formats.text.tagged import holds_messages
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -23,18 +27,23 @@ _LISTED = 3  # files that are named
 _MANY = 20  # rows: among fewer some number rises by chance, and nobody drives for so few
 _COMMANDED, _MOVED = {*DRIVE_COMMANDS, "steering_command"}, {"speed", "motor_speed", "pose_x", "yaw_rate"}
 _LATER = re.compile(r"\[[1-9]\d*\]$")
+_CHANNELS = 2  # columns that are channels by their names, of a log whose clock was not logged
 _NOT_IN_TIME = f"no column of {_MANY} rows and more is a clock, so that it is no log"
+_UNFIT = re.compile(r"[^\w.-]+")  # for a file's name
 _DOCUMENTS = (".json", ".jsonl", ".ndjson")  # logs, or results, settings and descriptions of logs
-_PROSE = (".txt", ".log")  # read where it is named; in a folder it is more often a note than a log
+_MAY_BE_NOTES = set(TEXTS) - {".csv", ".tsv"}  # of a folder those that hold a table are logs
+_NOTES = (".txt", ".log")
 
 
 @dataclass(frozen=True)
 class Placed:
-  """One log: where it is, and its name within the data set's folder, with forward slashes."""
+  """One log: where it is, and its name within the data set's folder, with forward slashes. `made`: it is one of several
+  recordings of its source, and is to be written."""
 
   source: Path
   name: str
   copied: bool
+  made: bool = False
 
 
 def logs_of(paths: Sequence[Path], home: Path | None = None) -> list[Path]:
@@ -60,31 +69,48 @@ def logs_of(paths: Sequence[Path], home: Path | None = None) -> list[Path]:
 
 
 def _below(folder: Path) -> list[Path]:
-  known = {suffix for suffix in readers() if suffix not in _PROSE}
+  known = set(readers())
   bags = {path.parent for path in folder.rglob(_BAG)}
   bags |= {path for path in folder.rglob("*") if path.is_dir() and path not in bags and is_one_recording(path)}
-  files = [p for p in folder.rglob("*") if p.is_file() and p.suffix.lower() in known and not bags & set(p.parents)]
-  seen = [path for path in (*bags, *files) if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+  shown = lambda path: not any(part.startswith(".") for part in path.relative_to(folder).parts)
+  files = [path for path in folder.rglob("*") if path.is_file() and not bags & set(path.parents) and shown(path)]
+  seen = [path for path in files if path.suffix.lower() in known and not _is_note(path)]
+  others = sorted(path.name for path in files if path not in seen and path.name != FILE_NAME)
+  seen = [*filter(shown, bags), *seen]
   if not seen:
-    others = sorted(path.name for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    but = f" but {_listed(others)}" if others else ", it is empty"
     raise RecordingError(
-      f"{folder}: holds no log{_instead(others)}; readable are {', '.join(sorted(known))}, ROS 2 bag folders and"
-      " folders of tables, one per topic"
+      f"{folder}: holds no log{but}; readable are {', '.join(sorted(known))}, ROS 2 bag folders and folders of tables,"
+      " one per topic"
     )
+  if others:
+    print(f"left out: {_listed(others)}")
   return seen
 
 
-def _instead(names: Sequence[str]) -> str:
-  """What a folder without a log has, and what to do with it."""
-  if not names:
-    return ", it is empty"
+def _is_note(path: Path) -> bool:
+  """Whether a file of a kind that people write notes into is one: no table of many rows, or one in which no column is a
+  clock and hardly one a channel. A table that cannot be read is none, so that whoever reads it says why."""
+  if path.suffix.lower() not in _MAY_BE_NOTES:
+    return False
+  if not holds_messages(path) and not holds_samples(path):
+    return True
+  try:
+    guesses = guess_columns(Columns((read_table(path),)))
+  except NoSamples:
+    return True
+  except RecordingError:
+    return False
+  return "time" not in guesses and len(guesses) < _CHANNELS
+
+
+def _listed(names: Sequence[str]) -> str:
+  """Files that are no logs by their names and contents, and what to do with them."""
   listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
   if packed := next((name for name in names if Path(name).suffix.lower() in PACKED), None):
-    return f" but {listed} (unpack {packed} first)"
-  prose = next((name for name in names if Path(name).suffix.lower() in _PROSE), None)
-  return f" but {listed}" + (
-    f" (name {prose} itself if it is one)" if prose else ", to be exported as .csv if it is one"
-  )
+    return f"{listed} (unpack {packed} first)"
+  text = next((name for name in names if Path(name).suffix.lower() in TEXTS), None)
+  return f"{listed} ({f'name {text} itself' if text else 'export it as .csv'} if it is a log)"
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:
@@ -138,6 +164,11 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
   for log in logs:
     try:
       read.append((log, read_table(log.source, log.name)))
+    except SeveralRecordings as error:
+      print(f"{log.name}: holds {len(error.tables)} recordings, each written as a file of its own")
+      read += [
+        (Placed(log.source, table.label, copied=False, made=True), table) for table in _written_apart(log, error)
+      ]
     except NoSamples as error:
       if len(logs) == 1:
         raise
@@ -151,6 +182,14 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
     if all(log is not other for other, _ in drives):
       print(f"left out: {log.name}: {_NOT_IN_TIME}")
   return drives
+
+
+def _written_apart(log: Placed, several: SeveralRecordings) -> list[Table]:
+  """A file's recordings, each with the name of a file of its own: `campaign_trial_1.csv` of `campaign.h5`."""
+  stem = PurePosixPath(log.name).with_suffix("").as_posix()
+  names = [f"{stem}_{_UNFIT.sub('_', name)}.csv" for name in several.tables]
+  names = [name if names.count(name) == 1 else f"{stem}_{k}.csv" for k, name in enumerate(names, 1)]
+  return [dataclasses.replace(table, label=name) for table, name in zip(several.tables.values(), names, strict=True)]
 
 
 def is_document(path: Path) -> bool:
@@ -205,7 +244,7 @@ def without_header(read: Sequence[tuple[Placed, Table]]) -> list[str]:
 def _names_beside(log: Path, count: int) -> str:
   """The name of a text next to a log that has as many lines, or words in its one line, as the log has columns."""
   for path in sorted(log.parent.iterdir()):
-    if path == log or path.suffix.lower() not in _PROSE or not path.is_file() or path.stat().st_size > LONGEST_LINE:
+    if path == log or path.suffix.lower() not in _NOTES or not path.is_file() or path.stat().st_size > LONGEST_LINE:
       continue
     lines = [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     if count in (len(lines), len(re.split(r"[,;\s]+", lines[0].strip())) if len(lines) == 1 else 0):

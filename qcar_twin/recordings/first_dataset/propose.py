@@ -13,6 +13,7 @@ from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive
 from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_left, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.parts.called import told_apart
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
@@ -106,14 +107,15 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if topics is None:
     settle_turns(guesses, car.sizes, recordings_of(columns, guesses))
   recordings = as_driven(recordings_of(columns, guesses))
-  parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
+  parts = [*share_out(recordings, DRIVES[kind].steps), *_left_over(tables, recordings)] if recordings else []
+  parts = parts if recordings and (not missing or len(recordings) == len(tables)) else _all_fitted(tables)
   questions = (*(question.text for question in asked), *unsure)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
-  lines += [line for part in parts for line in _recording(part)]
+  lines += [line for part in told_apart(parts) for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
 
@@ -139,8 +141,9 @@ def _asked_of(
 ) -> tuple[str, ...]:
   """What only a person can tell of the columns that were guessed; an IMU that was `turned` has told how it lies."""
   told = lies(columns, guesses)
-  down = None if turned or told else pointing_down(columns, guesses, recordings)
-  return (*_electrical(guesses), *turning_right(columns, guesses, told), *([down] if down is not None else []))
+  right = turning_right(columns, guesses, told)
+  down = None if turned or told or right else pointing_down(columns, guesses, recordings)
+  return (*_electrical(guesses), *right, *([down] if down is not None else []))
 
 
 def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
@@ -203,6 +206,13 @@ def _drive(guesses: Mapping[str, Guess]) -> tuple[str, str]:
   if logged is None:
     return kind, "no column says it is the drive's command; correct it by the one you map"
   return kind, f"the log's drive command is {logged}"
+
+
+def _left_over(tables: Sequence[Table], recordings: Sequence[Recording]) -> list[Part]:
+  """What the guesses cannot read: those who read the file say why."""
+  read = {recording.file for recording in recordings}
+  why = "left over as the roles were shared out: it cannot be read as the others, or its car stood"
+  return [Part(table.label, "identify", why=why) for table in tables if table.label not in read]
 
 
 def _all_fitted(tables: Sequence[Table]) -> list[Part]:

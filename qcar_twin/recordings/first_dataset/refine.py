@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
+from qcar_twin.recordings.checks.pushes import is_lifted
 from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
@@ -21,12 +22,12 @@ from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.row_clock import origin_of, stamps
 from qcar_twin.recordings.unit_names import words_of
-from qcar_twin.vehicle.vehicle import Vehicle
+from qcar_twin.vehicle.vehicle import QCAR, Vehicle
 
 Array = NDArray[np.float64]
 
 _GEOGRAPHIC = ({"east", "easting", "utm"}, {"north", "northing", "utm"})  # a place whose left and right are known
-_COMPASS = {"compass", "azimuth", "bearing"}  # a heading that is clockwise from north by its name
+_COMPASS = {"compass", "azimuth", "bearing", "gps", "gnss", "course", "cog"}  # clockwise from north by its name
 _ROUNDS = 4  # of units, each of which may uncover the next
 # units of speed so near to a clock's at twice the speed that only where a gyro confirms the clock they are meant
 _NEAR_A_CLOCKS = tuple(
@@ -54,7 +55,8 @@ _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it
 
 
 def recordings_of(columns: Columns, guesses: Mapping[str, Guess]) -> list[Recording]:
-  """The logs as the guesses read them; those that cannot be read so are left out."""
+  """The logs as the guesses read them; those that cannot be read so, or whose car stood with its wheels in the air, are
+  left out."""
   mapping, recordings = {channel: guess.mapped for channel, guess in guesses.items()}, []
   for table in columns.tables:
     try:
@@ -64,7 +66,8 @@ def recordings_of(columns: Columns, guesses: Mapping[str, Guess]) -> list[Record
       recordings.append(with_speed(read)[0])
     except RecordingError:
       continue
-  return recordings
+  driven = [recording for recording in recordings if not is_lifted(recording, rolling_radius(QCAR))]
+  return driven or recordings
 
 
 def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[str, float | str]) -> None:

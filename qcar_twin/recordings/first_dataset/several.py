@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
 from qcar_twin.recordings.first_dataset.heading import unwrap_heading
@@ -67,6 +67,7 @@ def settle_several(
     if alternatives:
       question = _choose(columns, guesses, guess, alternatives, vehicle)
       questions += [question] if question else []
+  _one_commander(columns, guesses)
   return tuple(questions)
 
 
@@ -148,6 +149,25 @@ def _choose(
     return None
   apart = min(likeness.values())
   return Question(guess.channel, names, f"they differ (correlation {apart:.2f}), and no other channel tells which")
+
+
+def _one_commander(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Both commands from one topic, where two have both: a controller's wish, say, and what the car was given. How the
+  car turned has told whose steering it obeyed."""
+  source = lambda name: name.rpartition(".")[0]
+  drive = next((channel for channel in DRIVE_COMMANDS if channel in guesses), None)
+  if drive is None or "steering_command" not in guesses:
+    return
+  guess, obeyed = guesses[drive], source(guesses["steering_command"].column)
+  other = source(guess.column)
+  if not obeyed or not other or obeyed == other:
+    return
+  of_other = [n for n in columns.names if source(n) == other and _score(n, "steering_command") > 0.0]
+  scores = {n: score for n in columns.names if source(n) == obeyed and (score := _score(n, drive)) > 0.0}
+  scores = {n: score for n, score in scores.items() if not columns.constant(n)}
+  if of_other and scores and len(columns.holding(best := max(scores, key=lambda n: scores[n]))) == len(columns.tables):
+    _take(columns, guesses, guess, best)
+    guess.why.append(f"beside the steering that the car obeyed, '{guesses['steering_command'].column}'")
 
 
 def _take(columns: Columns, guesses: Mapping[str, Guess], guess: Guess, name: str) -> None:

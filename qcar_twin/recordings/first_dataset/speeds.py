@@ -11,6 +11,7 @@ import numpy as np
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import against, was_commanded
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
+from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import ALIKE, speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.motion import fit, motion_of
@@ -30,6 +31,7 @@ _A_WHILE, _WHOLE = 0.5, 0.5  # s under one command, and share of the largest, fr
 # besides the command: an IMU that lies reversed and a steering to the right are usual by themselves, and a command that
 # counts back next to both is rarer than a speed that does
 _WITNESSES = 2
+_NEARLY = 0.8  # of a command's sum of magnitudes that is positive, of a car that is driven forwards
 
 
 def settle_speeds(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -217,6 +219,8 @@ def settle_way(columns: Columns, guesses: dict[str, Guess]) -> None:
   steering and path along the heading contradict it while none agrees, and the command if they agree with the speed."""
   drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
   speeds = [name for name in ("speed", "motor_speed") if name in guesses]
+  if drive and not speeds:
+    _settle_backward_heading(columns, guesses, drive)
   recordings = recordings_of(columns, guesses) if drive and speeds else []
   if not drive or not recordings or not against(recordings, drive):
     return
@@ -233,6 +237,20 @@ def settle_way(columns: Columns, guesses: dict[str, Guess]) -> None:
       guess.scale, guess.offset = -guess.scale, -guess.offset
       other = "the command" if turned == speeds else "the speed"
       guess.why.append(f"counted the other way: {other}, {' and '.join(witnesses)} say so")
+
+
+def _settle_backward_heading(columns: Columns, guesses: dict[str, Guess], drive: str) -> None:
+  """Turn a heading by half a turn where it alone says which way the car goes, and the car goes backwards along it under
+  commands that are nearly all positive: a camera's axes point backwards, or a marker was put on so."""
+  if not {"pose_x", "pose_y", "pose_yaw"} <= guesses.keys():
+    return
+  unwrap_heading(columns, guesses)
+  command, heading = guesses[drive], guesses["pose_yaw"]
+  values = command.scale * columns.values(command.column) + command.offset
+  ahead = np.sum(values[values > 0.0]) > _NEARLY * np.sum(np.abs(values))
+  if ahead and against(recordings_of(columns, guesses), drive):
+    heading.offset += math.pi
+    heading.why.append(f"it points backwards: along it the car goes back under a positive {drive}")
 
 
 def _turning(recordings: Sequence[Recording]) -> float:

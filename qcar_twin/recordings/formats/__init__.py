@@ -1,7 +1,8 @@
 """Files that logs come in: each reader turns one file into a `Table` of named columns.
 
-A module of this folder (or of one added to `__path__`) that reads files says so: `READERS = {".csv": "read_csv"}`, a
-suffix and the function for it. It is imported when such a file is read, so recordings need none of its libraries.
+A module of this folder (or of one added to `__path__`) that reads files says so: `READERS = {".npz": "read_npz"}`, a
+suffix and the function for it, in a package with its module, `"samples.read_text"`. It is imported when such a file is
+read, so recordings need none of its libraries.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.formats.composed import composed
 from qcar_twin.recordings.formats.folder import read_folder, tables_in
-from qcar_twin.recordings.formats.table import NoSamples, Table
+from qcar_twin.recordings.formats.table import NoSamples, SeveralRecordings, Table
 from qcar_twin.recordings.formats.unsigned import signed
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
@@ -33,7 +34,8 @@ def readers() -> dict[str, tuple[str, str]]:
   """Suffix -> module and function that reads such files, as the modules declare them."""
   declared: dict[str, tuple[str, str]] = {}
   for module in pkgutil.iter_modules(__path__):
-    path = Path(str(getattr(module.module_finder, "path", ""))) / f"{module.name}.py"
+    folder = Path(str(getattr(module.module_finder, "path", "")))
+    path = folder / module.name / "__init__.py" if module.ispkg else folder / f"{module.name}.py"
     for suffix, function in _declared(path).items():
       declared[suffix] = (module.name, function)
   return declared
@@ -65,15 +67,22 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
       " tables, one per topic; export it as one of them"
     )
   module, function = known[suffix]
+  inner, _, name = function.rpartition(".")
   try:
-    return getattr(import_module(f"{__name__}.{module}"), function)
+    return getattr(import_module(".".join(filter(None, (__name__, module, inner)))), name)
   except MissingExtra as error:
     raise RecordingError(f"{label}: {error}") from error
 
 
 def read_table(path: Path, label: str | None = None) -> Table:
-  """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
-  return composed(signed(_read(path, label or path.name)))
+  """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken;
+  SeveralRecordings, with a table of each, where it holds more than one."""
+  try:
+    return composed(signed(_read(path, label or path.name)))
+  except SeveralRecordings as error:
+    raise SeveralRecordings(
+      error.label, {name: composed(signed(table)) for name, table in error.tables.items()}
+    ) from None
 
 
 def _read(path: Path, label: str) -> Table:
@@ -86,6 +95,8 @@ def _read(path: Path, label: str) -> Table:
   try:
     with bounded_memory(size):
       table = read(path, label)
+  except SeveralRecordings:
+    raise
   except RecordingError as error:  # what a library says takes several lines at times
     kind = NoSamples if isinstance(error, NoSamples) else RecordingError
     raise kind(" ".join(str(error).split())) from error

@@ -9,16 +9,16 @@ import numpy as np
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import words_of
+from qcar_twin.recordings.unit_names import COMMANDED, words_of
 
 _REAR = (("rl", "rr"), ("lr", "rr"), ("lb", "rb"), ("bl", "br"))  # whose wheels are not steered, first
-_SIDES = (*_REAR, ("left", "right"), ("l", "r"), ("fl", "fr"), ("lf", "rf"))
+_SIDES = (*_REAR, ("left", "right"), ("l", "r"), ("fl", "fr"), ("lf", "rf"), ("g", "d"))
 SIDES = {"fl", "fr", "rl", "rr", "lf", "rf", "lr", "lb", "rb", "bl", "br"}  # a wheel's place in a name
 _SPEEDS = {"speed", "speeds", "spd", "vel", "velocity", "omega", "rpm", "rps", "wheel", "wheels", "encoder"}
 NO_SPEEDS = {  # words of a wheel's name that say it is something else
   "angle", "steering", "steer", "torque", "current", "pressure", "brake", "temp", "temperature", "slip", "position",
-  "pos", "ticks", "tick", "count", "counts", "pulses", "command", "commands", "commanded", "cmd", "target", "desired",
-  "setpoint", "ref", "duty", "pwm", "throttle", "load", "force", "voltage",
+  "pos", "ticks", "tick", "count", "counts", "pulses", *COMMANDED, "duty", "pwm", "throttle", "load", "force",
+  "voltage",
 }  # fmt: skip
 _WHEELS, _MOTORS = {"wheel", "wheels", "axle", "rear", "front", *SIDES}, {"motor", "motors", "mot", "erpm"}
 MEAN = "mean of "

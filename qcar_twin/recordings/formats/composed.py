@@ -27,7 +27,14 @@ _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
 _ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
-_UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
+_ROTATIONS = {"quat", "quaternion", "orientation", "rotation", "q"}
+_ELEMENT = re.compile(r"^(?P<stem>.+?)(?:\[(?P<zero>\d)\]|\((?P<one>\d)\))$")
+# the elements of a quaternion that stay small of a car on a floor -> w, and the one that turns
+_PLANAR = {(1, 2): (0, 3), (0, 1): (3, 2), (0, 2): (3, 1), (1, 3): (0, 2)}  # z or y upwards, w first or last
+_IMUS, _GRAVITIES, _NEAR = {"imu"}, (9.80665, 1.0), 0.1  # m/s^2 and g, and how near a reading of it is
+_UPRIGHT = 0.8  # of gravity, which an upright axis feels: a mount tilted by 37 deg
+_UNIT = 0.01  # how far from 1 the squared length of a quaternion of rotation usually is at most, by its digits
+_NOISY = 0.1  # and how far it ever is, where its parts were filtered one by one
 
 
 def parts_of_others(names: Iterable[str]) -> set[str]:
@@ -42,12 +49,12 @@ def _stamps(names: Iterable[str]) -> dict[str, tuple[str, str]]:
   """Columns that have whole seconds of a stamp, as ROS writes them -> the column of its nanoseconds, and its name."""
   names, parts = tuple(names), {}
   for name in names:
-    if (parsed := _SECONDS.match(name)) is None or not parsed["stamp"]:
+    if (parsed := _SECONDS.match(name)) is None:
       continue
     stem = name[: len(name) - len(parsed["s"])]
     other = next((n for n in names if n.startswith(stem) and n[len(stem) :].lower() in _NANOSECONDS), None)
     if other is not None:
-      parts[name] = (other, parsed["stamp"])
+      parts[name] = (other, parsed["stamp"] or "stamp")
   return parts
 
 
@@ -139,13 +146,14 @@ def composed(table: Table) -> Table:
       made[name] = parts[0] + 1e-9 * parts[1]
   for yaw, names in _quaternions(table.columns).items():
     parts = _numbers(table, names)
-    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+    if parts is not None and yaw not in table and _of_rotations(parts):
       made[yaw] = _yaw(*parts)
   for yaw, names in _flat(table.columns).items():
     parts = _numbers(table, names)
-    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+    if parts is not None and yaw not in table and _of_rotations(parts):
       w, z = parts
       made[yaw] = np.arctan2(2.0 * w * z, 1.0 - 2.0 * z**2)
+  made |= {name: values for name, values in _of_vectors(table).items() if name not in table}
   for element, name in _elements(table.columns).items():
     if element not in table and name not in table.ambiguous and (parts := _numbers(table, (name,))) is not None:
       made[element] = parts[0]
@@ -154,6 +162,46 @@ def composed(table: Table) -> Table:
     made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}
   return dataclasses.replace(table, columns={**table.columns, **made}, not_a_number={**table.not_a_number, **blank})
+
+
+def _vectors(table: Table, count: int) -> dict[str, np.ndarray]:
+  """The vectors of so many elements that columns hold one each, `quat[0]` and on, or `quat(1)`, (count, rows)."""
+  places: dict[str, dict[int, str]] = {}
+  for name in table.columns:
+    if (parsed := _ELEMENT.match(name)) is not None:
+      places.setdefault(parsed["stem"], {})[int(parsed["zero"] or int(parsed["one"]) - 1)] = name
+  whole = {
+    stem: tuple(parts[k] for k in range(count)) for stem, parts in places.items() if set(parts) == set(range(count))
+  }
+  return {stem: values for stem, names in whole.items() if (values := _numbers(table, names)) is not None}
+
+
+def _of_vectors(table: Table) -> dict[str, np.ndarray]:
+  """What vectors whose elements have no names hold: the yaw, rad, of a quaternion of a car that goes on a floor, be its
+  w first or last, and the axes of an IMU's accelerometers and gyros, told by which three feel gravity."""
+  made: dict[str, np.ndarray] = {}
+  for stem, values in _vectors(table, 4).items():
+    turned = np.nanmax(np.abs(values), axis=1)
+    least, next_least = sorted(int(k) for k in np.argsort(turned)[:2])
+    small = (least, next_least)
+    level = small in _PLANAR and _ABOUT * turned[list(small)].max() < np.delete(turned, small).min()
+    if set(words_of(stem)) & _ROTATIONS and level and _of_rotations(values):
+      w, about = _PLANAR[small]
+      made[f"{stem}_yaw"] = np.arctan2(2.0 * values[w] * values[about], 1.0 - 2.0 * values[about] ** 2)
+  for stem, values in _vectors(table, 6).items():
+    medians = np.nanmedian(values, axis=1)
+    felt = [_feels_gravity(three) for three in (medians[:3], medians[3:])]
+    if set(words_of(stem)) & _IMUS and felt[0] != felt[1]:
+      force = 0 if felt[0] else 3
+      made |= {f"{stem}.acc.{axis}": values[force + k] for k, axis in enumerate("xyz")}
+      made |= {f"{stem}.gyro.{axis}": values[3 - force + k] for k, axis in enumerate("xyz")}
+  return made
+
+
+def _feels_gravity(three: np.ndarray) -> bool:
+  length = float(np.linalg.norm(three))
+  upright = float(np.abs(three).max()) > _UPRIGHT * length
+  return upright and any(abs(length / gravity - 1.0) < _NEAR for gravity in _GRAVITIES)
 
 
 def _place(table: Table) -> dict[str, np.ndarray] | None:
@@ -174,6 +222,12 @@ def _place(table: Table) -> dict[str, np.ndarray] | None:
   meridian, normal = _EQUATOR * (1.0 - _ECCENTRICITY) / flattened**1.5, _EQUATOR / np.sqrt(flattened)
   east = normal * np.cos(latitude[first]) * (longitude - longitude[first])
   return {"gps.east": east, "gps.north": meridian * (latitude - latitude[first])}
+
+
+def _of_rotations(parts: np.ndarray) -> bool:
+  """Whether quaternions, (2 or 4, rows), are rotations: of length 1 but for digits and noise."""
+  off = np.abs(np.sum(parts**2, axis=0) - 1.0)
+  return bool(np.nanmedian(off) < _UNIT and np.nanmax(off) < _NOISY)
 
 
 def _yaw(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

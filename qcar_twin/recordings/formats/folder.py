@@ -17,7 +17,11 @@ from qcar_twin.untrusted import inside
 
 _TABLES = (".csv", ".tsv", ".parquet")  # what topics are exported to; text files beside them are notes
 _BAG_PARTS = ("metadata.yaml", ".db3", ".mcap")  # the names, or their ends, that make a folder a bag
-_CLOCKS = {"time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock", "t", "sec", "secs", "seconds"}
+_CLOCKS = {
+  "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock", "t", "sec", "secs", "seconds",
+  "millis", "micros",
+}  # fmt: skip
+_NANOSECONDS = {"nanosec", "nanosecs", "nsec", "nsecs"}  # of a stamp, whose seconds are a column of their own
 _HEADER = {"header", "stamp"}  # of a message, which says when it was measured; other clocks say when it was received
 _LATE = 0.01  # share of rows that a logger of several threads writes out of order
 
@@ -87,7 +91,7 @@ def _topic(table: Table, clock: str, time: np.ndarray, name: str, said: dict[str
   """A table's numbers in order of their stamps, s, under `name.column`; `said` gets the stamps, by column, at which the
   file itself says NaN, as none of its blank cells does."""
   own = {**table.columns, **of_cells(table)}
-  gone = {clock, *(part for part in parts_of_others(table.columns) if set(words_of(part)) & (_CLOCKS | {"nanosec"}))}
+  gone = {clock, *(part for part in parts_of_others(table.columns) if set(words_of(part)) & (_CLOCKS | _NANOSECONDS))}
   numbers = {key: v for key, v in own.items() if key not in gone and key not in table.ambiguous and v.dtype != object}
   said |= {f"{name}.{key}": time[rows] for key, rows in table.not_a_number.items() if key in numbers and rows.size}
   order = np.argsort(time, kind="stable")

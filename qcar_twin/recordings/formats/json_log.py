@@ -3,6 +3,7 @@ JavaScript, Python and pandas write it."""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,8 @@ import numpy as np
 
 from qcar_twin.recordings.formats.columnar import CLOCKS, table_of_arrays
 from qcar_twin.recordings.formats.dates import seconds_of
-from qcar_twin.recordings.formats.table import NO_ROWS, NoSamples, Table
+from qcar_twin.recordings.formats.hierarchy.documents import runs_in, units_in, with_units
+from qcar_twin.recordings.formats.table import NO_ROWS, NoSamples, SeveralRecordings, Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
@@ -37,7 +39,8 @@ def read_json_lines(path: Path, label: str) -> Table:
 def read_json(path: Path, label: str) -> Table:
   """One document: a list of objects, lists by name, a list of rows, or pandas' `to_json`; or an object a line.
 
-  Raises NoSamples where a document holds no list of samples, as a description of a log or a result does.
+  Raises NoSamples where a document holds no list of samples, as a description of a log or a result does, and
+  SeveralRecordings where a list holds runs, each with its samples.
   """
   text = _text(path)
   try:
@@ -50,6 +53,22 @@ def read_json(path: Path, label: str) -> Table:
     raise RecordingError(
       f"{label}: is no JSON ({error}); repair that place (the end is often cut off when a logger is killed)"
     ) from error
+  return _of_document(said, label)
+
+
+def _of_document(said: Any, label: str) -> Table:
+  """The table of a document, with the units that it states."""
+  if runs := runs_in(said, _is_clock):
+    units = units_in(said)
+    tables = {name: with_units(_of_samples(run, f"{label}/{name}"), units) for name, run in runs.items()}
+    if len(tables) > 1:
+      raise SeveralRecordings(label, tables)
+    return dataclasses.replace(next(iter(tables.values())), label=label)
+  return with_units(_of_samples(said, label), units_in(said))
+
+
+def _of_samples(said: Any, label: str) -> Table:
+  """One recording's."""
   if isinstance(said, dict):
     said = _split(said) or _by_index(said) or said
   if isinstance(said, list):

@@ -17,6 +17,7 @@ class NoSamples(RecordingError):
 
 NO_ROWS = np.empty(0, dtype=int)
 _SHOWN_COLUMNS = 40
+_NAMED = 4  # recordings of one file
 FEW = 0.05  # a stated prior: of samples that may repeat a stamp, as a message that was sent or a row written twice
 
 
@@ -140,6 +141,19 @@ def _is_number(cell: object) -> bool:
   except ValueError:
     return False
   return "_" not in str(cell)  # Python takes 2024_05_01 for a number
+
+
+class SeveralRecordings(RecordingError):
+  """A file that holds several recordings, `tables` by what it calls them; `label` is its own name. `qcar-twin new`
+  writes each as a file."""
+
+  def __init__(self, label: str, tables: Mapping[str, Table]):
+    self.label, self.tables = label, tables
+    names = ", ".join(list(tables)[:_NAMED]) + (" …" if len(tables) > _NAMED else "")
+    super().__init__(
+      f"{label}: holds {len(tables)} recordings ({names}), and a data set names a file for each; qcar-twin new FOLDER"
+      f" {label.rpartition('/')[2]} writes each as a file of its own"
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,23 @@ from qcar_twin.recordings.unit_names import words_of
     ("angle de braquage", "steering_command"),
     ("velocità", "speed"),
     ("angolo_sterzo", "steering_command"),
+    ("Laengsbeschl [g]", "accel_x"),
+    ("Motor_Soll [%]", "motor_duty"),
+    ("v_Rad [km/h]", "speed"),
+    ("Consigne direction (°)", "steering_command"),
+    ("Consigne moteur (%)", "motor_duty"),
+    ("Vitesse roue gauche (tr/min)", "motor_speed"),
+    ("acel_y", "accel_y"),
+    ("mando_direccion_us", "steering_command"),
+    ("操舵指令[deg]", "steering_command"),
+    ("モータ指令[%]", "motor_duty"),
+    ("車速[km/h]", "speed"),
+    ("ヨーレート[deg/s]", "yaw_rate"),
+    ("横加速度[G]", "accel_y"),
+    ("转向指令", "steering_command"),
+    ("横摆角速度(deg/s)", "yaw_rate"),
+    ("조향각", "steering_command"),
+    ("속도 명령", "speed_command"),
   ],
 )
 def test_a_name_in_another_language_means_its_channel(name, channel):
@@ -50,6 +67,8 @@ def test_what_is_no_channel_stays_none(name):
     ("motor rate", ("motor", "rate")),
     ("stellar_zenith", ("stellar", "zenith")),
     ("Lenkradwinkel", ("steering", "wheel", "angle")),
+    ("備考", ()),
+    ("前後加速度x", ("longitudinal", "acceleration", "x")),
   ],
 )
 def test_english_names_stay_and_compounds_come_apart(name, words):

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.names import readings
-from qcar_twin.recordings.first_dataset.parts.pairing import Part, paired, words_of_file
+from qcar_twin.recordings.first_dataset.parts.pairing import MOTION, Part, clocked, paired, part_of, words_of_file
+from qcar_twin.recordings.first_dataset.parts.topics import by_topic
+from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 
 JOINED = "joined.csv"
 _COMMANDS = (*DRIVE_COMMANDS, "steering_command")
-_MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
 # of the longest file's time, during which all of them have rows: parts of one drive begin and end alike
 _TOGETHER = 0.5
 _DATE = 1e6  # s, beyond which a clock is a date's
@@ -42,13 +41,15 @@ class Joined:
 
 
 def joined(tables: Sequence[Table]) -> Joined:
-  """The drives that files hold: all of them one drive, or a file of each kind a drive, or each a drive of its own.
+  """The drives that files hold: all of them one, a file of each kind or topic a drive, or each a drive of its own.
 
   Raises:
     RecordingError: commands and motion lie in files of their own, and which belong together cannot be told.
   """
+  if (whole := by_topic(tables, JOINED)) is not None:
+    return Joined(whole.tables, whole.tables, whole.said)
   each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
-  parts = [_part(table, columns) for table, columns in zip(tables, each, strict=False)]
+  parts = [part_of(table, columns) for table, columns in zip(tables, each, strict=False)]
   drives = paired(parts) if parts else None
   if drives is not None:
     several = len(drives.groups) > 1
@@ -57,9 +58,9 @@ def joined(tables: Sequence[Table]) -> Joined:
     )
     said = (*drives.said, *(note for table in made for note in table.notes))
     return Joined(made, made, said, "" if several else drives.groups[0][0][0].label)
-  if (whole := as_one_drive(tables)) is not None:
+  if (one := as_one_drive(tables)) is not None:
     names = ", ".join(table.label for table in tables)
-    return Joined((whole,), (whole,), (f"{names}: parts of one drive, joined by their clocks", *whole.notes))
+    return Joined((one,), (one,), (f"{names}: parts of one drive, joined by their clocks", *one.notes))
   return Joined(tuple(tables))
 
 
@@ -83,10 +84,10 @@ def topics_of_one_drive(tables: Sequence[Table], each: Sequence[Columns], topics
   apart = _of_different_names(each)
   guessed = [guess_columns(columns) for columns in each]
   for table, columns, guesses in zip(tables, each, guessed, strict=True):
-    whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
+    whole_drive = _has(guesses, _COMMANDS) and _has(guesses, MOTION)
     if "time" not in guesses or (whole_drive and not apart and _logged_again(columns, each)):
       return None
-    groups.append(_clocked(columns, guesses["time"], Path(table.label).stem))
+    groups.append(clocked(columns, guesses["time"], Path(table.label).stem))
   if not groups or any(not group.time.size for group in groups):
     return None
   dated = all(group.time[0] > _DATE for group in groups)  # no two drives of a car are at one time
@@ -100,7 +101,7 @@ def topics_of_one_drive(tables: Sequence[Table], each: Sequence[Columns], topics
   except RecordingError:
     return None
   guesses = guess_columns(Columns((whole,)))
-  known = [_has(guesses, channels) for channels in (_COMMANDS, _MOTION)]
+  known = [_has(guesses, channels) for channels in (_COMMANDS, MOTION)]
   return whole if all(known) or ((apart or dated or topics) and any(known)) else None
 
 
@@ -108,30 +109,27 @@ def as_csv(table: Table) -> str:
   """The text of a table, blank where there is no sample."""
   text = io.StringIO()
   print(*(f'"{name}"' for name in table.columns), sep=",", file=text)
-  cells = [["" if np.isnan(v) else repr(v) for v in column.tolist()] for column in table.columns.values()]
+  cells = [[_cell(value) for value in column.tolist()] for column in table.columns.values()]
   for row in zip(*cells, strict=True):
     print(*row, sep=",", file=text)
   return text.getvalue()
 
 
-def _part(table: Table, columns: Columns) -> Part:
-  guesses = guess_columns(columns)
-  guess_by_unit(columns, guesses)
-  return Part(table.label, columns, guesses, _has(guesses, _COMMANDS), _has(guesses, _MOTION))
+def _cell(value: object) -> str:
+  if isinstance(value, float):
+    return "" if np.isnan(value) else repr(value)
+  return "" if value is None else '"' + str(value).replace('"', '""') + '"'
 
 
 def _merged(name: str, group: Sequence[tuple[Part, float]], prefixes: Mapping[str, str]) -> Table:
   """One table of files whose clocks are shifted by so many s."""
-  clocked = []
-  for part, shift in group:
-    own = _clocked(part.columns, part.guesses["time"], prefixes[part.label])
-    clocked.append(Clocked(own.time + shift, own.columns))
-  return merge(name, clocked)
+  parts = [(clocked(part.columns, part.guesses["time"], prefixes[part.label]), shift) for part, shift in group]
+  return merge(name, [Clocked(own.time + shift, own.columns) for own, shift in parts])
 
 
 def _of_different_names(each: Sequence[Columns]) -> bool:
   """Whether no two files share half of their columns and more, but for clocks: drives of their own are logged alike."""
-  own = [{name for name in columns.names if not columns.rises(name) and not _tells_time(name)} for columns in each]
+  own = [{name for name in columns.names if not columns.rises(name) and not is_clock(name)} for columns in each]
   pairs = ((one, other) for k, one in enumerate(own) for other in own[:k])
   return all(len(one & other) < _ALIKE * min(len(one), len(other)) for one, other in pairs)
 
@@ -139,7 +137,7 @@ def _of_different_names(each: Sequence[Columns]) -> bool:
 def _logged_again(columns: Columns, each: Sequence[Columns]) -> bool:
   """Whether another file has half of these columns and more: of a drive's telemetry, which has a command and its
   answer, there is one."""
-  names = {name for name in columns.names if not columns.rises(name) and not _tells_time(name)}
+  names = {name for name in columns.names if not columns.rises(name) and not is_clock(name)}
   others = ({*other.names} for other in each if other is not columns)
   return any(len(names & other) >= _ALIKE * min(len(names), len(other)) for other in others)
 
@@ -158,17 +156,5 @@ def _topics_of_one_log(tables: Sequence[Table], each: Sequence[Columns]) -> bool
   return len(names) > 1 and len(numbers) == 1 and bool(shared) and len(set(every)) == len(every)
 
 
-def _tells_time(name: str) -> bool:
-  return any(reading.channel == "time" for reading in readings(name))
-
-
 def _has(guesses: Mapping[str, Guess], channels: Sequence[str]) -> bool:
   return any(name in guesses for name in channels)
-
-
-def _clocked(columns: Columns, clock: Guess, prefix: str) -> Clocked:
-  """A file's columns on its clock in s; its name before each, since a topic's columns are often called `data`."""
-  known = columns.tables[0]
-  time = clock.scale * known.number(clock.column, "time")
-  names = [n for n in columns.names if n != clock.column and not _tells_time(n)]
-  return Clocked(time, {f"{prefix}.{name}": known.number(name, name) for name in names})

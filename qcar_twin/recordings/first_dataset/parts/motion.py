@@ -17,17 +17,26 @@ _MOST = 1 << 18  # points, 3.6 h: of a longer log the beginning is compared
 _OVERLAP = 0.5  # of the shorter file, that two files of one drive share
 # share of the variance that noise has at most: of white noise averaged over 5 points neighbours differ by 2/5 of it
 _NOISE = 0.5
+_LATE = 0.5  # s, within which a car obeys: so far a lag that its commands gave may be out
+_FELT = 0.5  # correlation of what two sensors of one motion felt, by which a lag is told; noise and slopes are in it
 _LEAST = 60  # points, 3 s, that a correlation is worth
 
 
 @dataclass(frozen=True)
 class Motion:
-  """Speed and turning from `start` on, s, on a grid, (k,), in any unit; NaN where unknown. None where nothing tells."""
+  """Speed and turning from `start` on, s, on a grid, (k,), in any unit; NaN where unknown. None where nothing tells.
+
+  Attributes:
+    sensed: whether speed, and whether turning, was measured and not commanded.
+    pushes: what accelerometers felt, (k,) each, along unknown axes.
+  """
 
   start: float
   end: float
   speed: Array | None
   turning: Array | None
+  sensed: tuple[bool, bool] = (True, True)
+  pushes: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -39,12 +48,14 @@ class Fit:
     lag: s, to be added to the second file's clock.
     as_stamped: correlation where both clocks are taken as they are; NaN where they share too little time.
     again: the best correlation more than a second away from the best lag.
+    commanded: whether commands alone tell the lag, which then has in it what the car takes to obey.
   """
 
   alike: float
   lag: float
   as_stamped: float
   again: float
+  commanded: bool = False
 
 
 def motion_of(columns: Columns, guesses: Mapping[str, Guess]) -> Motion:
@@ -53,25 +64,29 @@ def motion_of(columns: Columns, guesses: Mapping[str, Guess]) -> Motion:
   time = clock.scale * columns.tables[0].number(clock.column, "time")
   grid = np.arange(time[0], time[-1], _PERIOD)[:_MOST]
   on_grid = lambda values: _on_grid(grid, time, values)
-  known = {
-    channel: columns.tables[0].number(guess.column, channel) for channel, guess in guesses.items() if channel != "time"
+  known = {  # a pulse of 1500 us is straight on, and stands for 0
+    channel: guess.scale * columns.tables[0].number(guess.column, channel) + guess.offset
+    for channel, guess in guesses.items()
+    if channel != "time"
   }
   speed = turning = None
+  sensed = [True, True]
   if (wheels := next((known[c] for c in ("speed", "motor_speed") if c in known), None)) is not None:
     speed = np.abs(on_grid(wheels))
   elif {"pose_x", "pose_y"} <= known.keys():
     x, y = (_smooth(on_grid(known[name])) for name in ("pose_x", "pose_y"))
     speed = np.hypot(np.gradient(x), np.gradient(y))
   elif (drive := next((known[c] for c in DRIVE_COMMANDS if c in known), None)) is not None:
-    speed = np.abs(on_grid(drive))
+    speed, sensed[0] = np.abs(on_grid(drive)), False
   if "yaw_rate" in known:
     turning = on_grid(known["yaw_rate"])
   elif "pose_yaw" in known:
     turning = np.gradient(_smooth(on_grid(_unwrapped(known["pose_yaw"]))))
   elif "steering_command" in known:
-    turning = on_grid(known["steering_command"]) * (speed if speed is not None else 1.0)
+    turning, sensed[1] = on_grid(known["steering_command"]) * (speed if speed is not None else 1.0), False
+  pushes = tuple(_smooth(on_grid(known[name])) for name in ("accel_x", "accel_y") if name in known)
   smooth = lambda values: None if values is None else _smooth(values)
-  return Motion(float(time[0]), float(time[-1]), smooth(speed), smooth(turning))
+  return Motion(float(time[0]), float(time[-1]), smooth(speed), smooth(turning), (sensed[0], sensed[1]), pushes)
 
 
 def _unwrapped(angle: Array) -> Array:
@@ -97,13 +112,13 @@ def _smooth(values: Array) -> Array:
 
 
 def fit(one: Motion, other: Motion) -> Fit:
-  """The lag at which two files' speed and turning go together best, signs of turning aside."""
+  """The lag at which two files' speed and turning go together best, signs of turning aside. Where something was sensed
+  in both, that says the last half second of it: a car lags behind its commands."""
   scores = [abs(r) if turning else r for turning, r in _each(one, other)]
   if not scores:
     return Fit(np.nan, 0.0, np.nan, np.nan)
   count = max(len(r) for r in scores)
-  both = np.stack([r for r in scores if len(r) == count])
-  mean = np.nansum(both, axis=0) / np.where((known := np.isfinite(both).sum(axis=0)) > 0, known, np.nan)
+  mean = _mean([r for r in scores if len(r) == count])
   if not np.isfinite(mean).any():
     return Fit(np.nan, 0.0, np.nan, np.nan)
   size = len(one.speed if one.speed is not None else one.turning if one.turning is not None else ())
@@ -113,7 +128,35 @@ def fit(one: Motion, other: Motion) -> Fit:
   at_zero = int(np.argmin(np.abs(lags)))
   stamped = float(mean[at_zero]) if abs(lags[at_zero]) <= _PERIOD else np.nan
   again = float(np.nanmax(mean[far])) if np.isfinite(mean[far]).any() else np.nan
-  return Fit(float(mean[best]), float(lags[best]) + _PERIOD * _top(mean[best - 1 : best + 2]), stamped, again)
+  sensed = _sensed(one, other, np.abs(lags - lags[best]) < _LATE) if not all((*one.sensed, *other.sensed)) else None
+  fine, at = (mean, best) if sensed is None or len(sensed) != count else (sensed, int(np.nanargmax(sensed)))
+  lag = float(lags[at]) + _PERIOD * _top(fine[at - 1 : at + 2])
+  return Fit(float(mean[best]), lag, stamped, again, sensed is None and not all((*one.sensed, *other.sensed)))
+
+
+def _sensed(one: Motion, other: Motion, near: NDArray[np.bool_]) -> Array | None:
+  """Mean correlation of what was measured in both, a wheel's speeding up and an accelerometer too, at the lags that are
+  `near`, (k,), NaN at others; None where nothing was, or hardly goes together."""
+  known = [
+    abs(r) if turning else r for turning, r in _each(one, other) if one.sensed[turning] and other.sensed[turning]
+  ]
+  for a, b, turned_round in ((one, other, False), (other, one, True)):
+    if a.speed is None or not a.sensed[0] or not b.pushes:
+      continue
+    gain = np.gradient(a.speed)
+    felt = [correlations(*((push, gain) if turned_round else (gain, push)), _LEAST) for push in b.pushes]
+    felt = [np.abs(r) for r in felt if len(r) == near.size and np.isfinite(r[near]).any()]
+    known += [max(felt, key=lambda r: float(np.nanmax(r[near])))] if felt else []
+  known = [np.where(near, r, np.nan) for r in known if len(r) == near.size]
+  known = [r for r in known if np.isfinite(r).any() and np.nanmax(r) > _FELT]
+  return _mean(known) if known else None
+
+
+def _mean(scores: list[Array]) -> Array:
+  """Of those that are known at each lag, (k,); NaN where none is."""
+  both = np.stack(scores)
+  known = np.isfinite(both).sum(axis=0)
+  return np.nansum(both, axis=0) / np.where(known > 0, known, np.nan)
 
 
 def _top(three: Array) -> float:

@@ -7,10 +7,17 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+import numpy as np
+
+from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.parts.motion import Fit, Motion, fit, motion_of
+from qcar_twin.recordings.first_dataset.parts.torn import is_clock
+from qcar_twin.recordings.formats.table import Clocked, Table
 from qcar_twin.recordings.recording import RecordingError
 
+MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
 _ALIKE = 0.8  # correlation of two sensors of one motion, as the check has it
 _CLEAR = 0.1  # of a correlation, by which one of two files, or of two lags, goes better with a third
 _LATE = 0.5  # s, from which a lag is none of a sensor or a servo
@@ -51,9 +58,28 @@ class Part:
     return frozenset(self.columns.names)
 
 
+def part_of(table: Table, columns: Columns | None = None) -> Part:
+  """A file as a part of a drive; `columns`: its own, where they are known."""
+  columns = Columns((table,)) if columns is None else columns
+  guesses = guess_columns(columns)
+  guess_by_unit(columns, guesses)
+  known = lambda channels: not guesses.keys().isdisjoint(channels)
+  return Part(table.label, columns, guesses, known((*DRIVE_COMMANDS, "steering_command")), known(MOTION))
+
+
+def clocked(columns: Columns, clock: Guess, prefix: str) -> Clocked:
+  """A file's columns on its clock in s; its name before each, since a topic's columns are often called `data`."""
+  known = columns.tables[0]
+  time = clock.scale * known.number(clock.column, "time")
+  names = [n for n in columns.names if n != clock.column and not is_clock(n)]
+  return Clocked(
+    np.cumsum(time) - time[0] if clock.steps else time, {f"{prefix}.{name}": known.number(name, name) for name in names}
+  )
+
+
 def words_of_file(name: str) -> tuple[str, ...]:
-  """Words and numbers of a file's name."""
-  return tuple(re.findall(r"[a-z]+|\d+", name.lower()))
+  """Words and numbers of a file's name, `1` of `run_01`."""
+  return tuple(str(int(word)) if word.isdecimal() else word for word in re.findall(r"[a-z]+|\d+", name.lower()))
 
 
 Group = tuple[tuple[Part, float], ...]  # files of one drive, and the seconds that are added to each one's clock
@@ -101,7 +127,7 @@ def paired(parts: Sequence[Part]) -> Drives | None:
       said.append(f"{car.label}: {alone}, no other file is of its drive")
       groups += [((car, 0.0),)] if car.whole else []
       continue
-    shift, how = _shift(car, other)
+    shift, how = shift_of(car, other)
     said.append(f"{car.label}, {other.label}: parts of one drive {why}, joined by {how}")
     groups.append(((car, 0.0), (other, shift)))
   taken = {other.label for other, _ in partners.values()}
@@ -190,7 +216,7 @@ def _confirm(car: Part, other: Part, cars: Sequence[Part]) -> None:
     )
 
 
-def _shift(car: Part, other: Part) -> tuple[float, str]:
+def shift_of(car: Part, other: Part) -> tuple[float, str]:
   """Seconds to be added to the other's clock, and how that came about.
 
   Raises:
@@ -205,7 +231,8 @@ def _shift(car: Part, other: Part) -> tuple[float, str]:
   if shared and (not judged or as_good):
     return 0.0, "their clocks"
   if judged:
-    return own.lag, f"their motion (correlation {own.alike:.2f}), which moves {other.label} by {own.lag:.2f} s"
+    obeyed = ", and has in it what the car takes to obey: no two sensors saw one motion" if own.commanded else ""
+    return own.lag, f"their motion (correlation {own.alike:.2f}), which moves {other.label} by {own.lag:.2f} s{obeyed}"
   why = "never moves alike" if not own.alike > _ALIKE else "repeats itself, so that several seconds fit as well"
   raise RecordingError(
     f"{pair}: are of one drive, their clocks have no time in common, and the motion {why}; add the seconds between the"

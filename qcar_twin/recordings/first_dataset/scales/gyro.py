@@ -1,7 +1,7 @@
 """What a gyro of 16 bits counts in, by what else turned.
 
-Data sheets give counts per deg/s at each range: 131 to 16.4 of InvenSense's (MPU-6000 register map, "FS_SEL"), 114.3 to
-14.3 of ST's (L3GD20 and LSM6, 8.75 to 70 mdps a count). Neighbours differ by 2, so an accelerometer tells the range.
+Data sheets give counts per deg/s at each range: 131 to 16.4 of InvenSense's (MPU-6000 register map, "FS_SEL"), 228.6 to
+14.3 of ST's (L3GD20 and LSM6, 4.375 to 70 mdps a count). Neighbours differ by 2, so an accelerometer tells the range.
 """
 
 import math
@@ -16,7 +16,7 @@ from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import unit_of
 
-_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, *(1e3 / m for m in (8.75, 17.5, 35.0, 70.0)))  # counts per deg/s
+_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, *(1e3 / m for m in (4.375, 8.75, 17.5, 35.0, 70.0)))  # counts per deg/s
 _DEGREE = math.pi / 180.0
 # factor to the nearest range: by a force half of the way to the next; by a heading less than between 131 and 114.3
 _NEARNESS = {"accel_y": 1.4, "pose_yaw": 1.05}

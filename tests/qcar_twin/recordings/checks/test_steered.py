@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from calibration.log_check.ready import ready
+from qcar_twin.recordings.checks.steered import without_dead_steering
 from qcar_twin.recordings.dataset import DataSet
-from tests.qcar_twin.recordings.drives import drive, write_csv, write_manifest
+from qcar_twin.recordings.recording import Recording, RecordingError
+from tests.qcar_twin.recordings.drives import VEHICLE, drive, write_csv, write_manifest
 
 
 def data_set(tmp_path, **second):
@@ -47,3 +49,36 @@ def test_a_car_that_turned_by_no_logged_command_is_judged_along_alone(tmp_path):
   assert "yaw_rate" in data.recordings[0], "the check compares sensors with one another all the same"
   steered, _ = ready(data_set(tmp_path))
   assert "yaw_rate" in steered.recordings[0]
+
+
+def dead_set(tmp_path, dead):
+  """Two files, of which those in `dead` have a steering sensor that says 0.4 degrees whatever the car does."""
+  for name, seed in (("a.csv", 0), ("b.csv", 1)):
+    time, columns = drive(seed=seed)
+    if name in dead:
+      columns["steering_command"] = 0.007 + 3e-5 * np.random.default_rng(seed).standard_normal(len(time))
+    write_csv(tmp_path / name, time, columns)
+  return write_manifest(tmp_path, ("a.csv", "b.csv"))
+
+
+def test_a_steering_that_stays_while_the_car_turns_is_no_command(tmp_path):
+  data = DataSet.load(dead_set(tmp_path, ("b.csv",)))
+  assert [r.name for r in data.recordings] == ["a"]
+  assert any(said.startswith("b.csv: steering_command stays at 0.007 rad") for said in data.warnings)
+
+
+def test_a_set_whose_every_steering_is_dead_is_refused(tmp_path):
+  with pytest.raises(RecordingError, match=r"a.csv: steering_command stays at 0.007 rad .* take steering_command out"):
+    DataSet.load(dead_set(tmp_path, ("a.csv", "b.csv")))
+
+
+def test_a_steering_of_another_scale_and_one_circle_are_no_dead_ones():
+  time, columns = drive()
+  columns["steering_command"] = columns["steering_command"] / 20.0  # too small, and it goes with the turning
+  scaled = Recording.from_columns("a", time, columns)
+  speed = 1.0 + 0.5 * np.sin(0.5 * time)
+  columns |= {"steering_command": 0.2 + 1e-4 * np.sin(time), "yaw_rate": 0.8 * speed}
+  columns["motor_speed"] = speed / (VEHICLE["gear_ratio"] * VEHICLE["wheel_radius"])
+  circle = Recording.from_columns("b", time, columns)
+  kept, notes = without_dead_steering([scaled, circle], VEHICLE)
+  assert all("steering_command" in recording for recording in kept) and not notes

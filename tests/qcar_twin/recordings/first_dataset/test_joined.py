@@ -112,12 +112,13 @@ def test_messages_of_which_two_share_a_name_are_parts_of_one_drive(tmp_path):
   assert {"log_IMU.AccX", "log_THR.AccX", "log_STER.TurnRate"} <= set(drives.tables[0].columns)
 
 
-def test_parts_whose_commands_have_names_that_nobody_knows_are_joined_and_asked_about(tmp_path):
-  """PX4's actuators are numbered, and its axes are those of aircraft."""
+@pytest.mark.parametrize("commands", ["actuator_controls_0_0", "outputs_0"])
+def test_parts_whose_commands_have_names_that_nobody_knows_are_joined_and_asked_about(tmp_path, commands):
+  """PX4's actuators are numbered, by its documentation, and its axes are those of aircraft."""
   time, own = drive(12.0)
   place = {"x": own["pose_x"], "y": -own["pose_y"], "heading": -own["pose_yaw"]}
   topics = {
-    "log_actuator_controls_0_0": {"control[2]": -own["steering_command"], "control[3]": own["motor_voltage"] / 8.0},
+    f"log_{commands}": {"control[2]": -own["steering_command"], "control[3]": own["motor_voltage"] / 8.0},
     "log_vehicle_angular_velocity_0": {"xyz[0]": 0.0 * time, "xyz[2]": -own["yaw_rate"]},
     "log_vehicle_local_position_0": place,
   }
@@ -126,7 +127,9 @@ def test_parts_whose_commands_have_names_that_nobody_knows_are_joined_and_asked_
   whole = as_one_drive([read_table(tmp_path / f"{name}.csv", f"{name}.csv") for name in topics])
   assert whole is not None
   proposal = propose("rover", [whole])
-  assert (
-    "motor_voltage or motor_duty" in proposal.missing[0] and "log_actuator_controls_0_0.control[3]: " in proposal.text
-  )
-  assert "called as PX4's" in proposal.questions[0]
+  if commands == "outputs_0":
+    assert "motor_voltage or motor_duty" in proposal.missing[0] and f"log_{commands}.control[3]: " in proposal.text
+  else:
+    assert f'motor_duty = {{ column = "log_{commands}.control[3]" }}' in proposal.text
+    assert f'steering_command = {{ column = "log_{commands}.control[2]"' in proposal.text
+  assert ["called as PX4's" in question for question in proposal.questions] == [True]

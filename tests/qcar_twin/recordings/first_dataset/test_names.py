@@ -41,6 +41,11 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
     ("tstamp", "time"), ("imu_yaw", "pose_yaw"), ("motor_rpm_cmd", "speed_command"), ("GPS.Spd", "speed"),
     ("g_lat", "accel_y"), ("g_lon", "accel_x"), ("state_x", "pose_x"),
     ("control.longitudinal.velocity", "speed_command"),
+    ("actuator_controls_0_0.control[2]", "steering_command"), ("actuator_controls_0.control[3]", "motor_duty"),
+    ("speed_set", "speed_command"), ("delta_set", "steering_command"), ("thr_req", "motor_duty"),
+    ("motor_cmd", "motor_duty"), ("omega_wheel", "motor_speed"), ("w_wheel", "motor_speed"),
+    ("wheel speed [rpm]", "motor_speed"), ("mm_s", "speed"), ("km_h", "speed"), ("a_xy(2)", "accel_y"),
+    ("current_motor", "armature_current"),
     ("battery", "battery_voltage"), ("vbat", "battery_voltage"), ("current", "armature_current"),
   ],
 )  # fmt: skip

@@ -9,9 +9,11 @@ from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
 from scripts import new
 from tests import ROOT
+from tests.faults.wander import wander
 from tests.qcar_twin.recordings.drives import write_csv
 from tests.qcar_twin.recordings.first_dataset.pairs import sample_columns, write_pair
 
+EPOCH = 1.7e9
 NAMES = ("free_drive_a", "free_drive_b", "excitation_a")
 DRIVES = [sample_columns(ROOT / "data" / "sample" / f"{name}.csv") for name in NAMES]
 
@@ -81,3 +83,24 @@ def test_drives_in_another_language_are_no_parts_of_one(tmp_path):
     write_csv(tmp_path / f"{file}.csv", time, {names[k]: own[k] for k in names} | {"Gierrate [rad/s]": own["yaw_rate"]})
   tables = [read_table(tmp_path / f"{file}.csv") for file in "ab"]
   assert joined(tables).made == ()
+
+
+@pytest.mark.parametrize(("car", "capture"), [("pi_take{}", "Take {}"), ("log{}_car", "OptiTrack_00{}")])
+def test_files_of_two_programs_are_paired_by_their_numbers(tmp_path, car, capture):
+  """The car's clock is a date, and motion capture's begins with each take."""
+  for number in (1, 2):
+    time, columns = wander(number, seconds=30.0)
+    write_pair(tmp_path, car.format(number), EPOCH + 60.0 * number + time, columns)
+    path = tmp_path / f"{car.format(number)}_mocap.csv"
+    head, *rows = path.read_text(encoding="utf-8").splitlines()
+    start = EPOCH + 60.0 * number + 0.05
+    cells = [row.split(",", 1) for row in rows]
+    text = "\n".join([head, *(f"{float(stamp) - start!r},{rest}" for stamp, rest in cells), ""])
+    (tmp_path / f"{capture.format(number)}.csv").write_text(text, encoding="utf-8")
+    path.unlink()
+  drives = joined([read_table(path, path.name) for path in sorted(tmp_path.glob("*.csv"))])
+  assert len(drives.made) == 2 and all("by their names, joined by their motion" in line for line in drives.said[:2])
+  for number, table in enumerate(drives.made, 1):
+    place = next(name for name in table.columns if name.endswith(".x"))
+    seen = table.columns["time"][np.isfinite(table.columns[place])]
+    assert seen[0] == pytest.approx(EPOCH + 60.0 * number + 0.05, abs=0.1)

@@ -158,3 +158,17 @@ def test_a_heading_in_degrees_witnesses_as_one_in_radians_does(tmp_path):
   table, proposal = log(tmp_path, time, columns | {"heading": np.mod(np.rad2deg(own["pose_yaw"]), 360.0)})
   assert table["channels"]["yaw_rate"]["column"] == "gyro_b" and not any("yaw_rate is" in q for q in proposal.questions)
   assert "other sensors agree with it" in line_of(proposal.text, "yaw_rate")
+
+
+def test_both_commands_are_of_the_topic_whose_steering_the_car_obeyed(tmp_path):
+  """A controller's wishes, which its topic's name says are commands, and what a person at the radio did instead."""
+  time, own = wander(4)
+  other = np.roll(own["steering_command"], 700)
+  given = {"chassis.throttle": own["motor_voltage"] / 12.0, "chassis.steering": own["steering_command"]}
+  wished = {"planner_command.throttle": np.roll(own["motor_voltage"], 700) / 12.0, "planner_command.steering": other}
+  measured = {"velocity": own["speed"], "gyro_z": own["yaw_rate"]}
+  table, proposal = log(tmp_path, time, {**wished, **given, **measured})
+  assert {table["channels"][c]["column"].partition(".")[0] for c in ("motor_duty", "steering_command")} == {"chassis"}
+  assert "beside the steering that the car obeyed" in line_of(proposal.text, "motor_duty")
+  table, _ = log(tmp_path, time, {**wished, "servo.steering": own["steering_command"], **measured})
+  assert table["channels"]["motor_duty"]["column"] == "planner_command.throttle"

@@ -1,5 +1,6 @@
 """A speed that counts backwards is told by what the command and two other witnesses say, and by nothing less."""
 
+import numpy as np
 import pytest
 
 from qcar_twin.recordings.first_dataset.propose import propose
@@ -49,3 +50,29 @@ def test_a_path_along_the_heading_is_a_witness():
 )
 def test_without_two_witnesses_it_stays(turned, without):
   assert scales(*turned, without=without)["speed"] > 0.0
+
+
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_heading_that_points_backwards_is_turned_where_it_alone_tells(behind):
+  """As of a camera whose z axis points backwards: without a speed, the car goes where its command drives it."""
+  columns = {"time": TIME, "throttle": np.abs(DRIVEN["motor_voltage"]) / 8.0, "steer": DRIVEN["steering_command"]}
+  columns |= {name: DRIVEN[name] for name in ("pose_x", "pose_y")}
+  columns["pose_yaw"] = DRIVEN["pose_yaw"] + (np.pi if behind else 0.0)
+  line = next(one for one in propose("lab", [Table("run.csv", columns, {})]).channels if one.startswith("pose_yaw"))
+  assert ("offset = 3.14159" in line and "it points backwards" in line) is behind
+
+
+@pytest.mark.parametrize(("name", "clockwise"), [("GPS Heading [deg]", True), ("imu heading [deg]", False)])
+def test_a_heading_of_gps_alone_counts_as_a_compass(name, clockwise):
+  columns = {"time": TIME, "throttle": DRIVEN["motor_voltage"] / 8.0, "steer": DRIVEN["steering_command"]}
+  columns |= {"speed": DRIVEN["speed"], "yaw_rate": DRIVEN["yaw_rate"], "accel_y": DRIVEN["accel_y"]}
+  columns[name] = np.mod(90.0 - np.rad2deg(DRIVEN["pose_yaw"]), 360.0)
+  line = next(one for one in propose("lab", [Table("run.csv", columns, {})]).channels if one.startswith("pose_yaw"))
+  assert ("scale = -0.01745" in line) is clockwise
+
+
+@pytest.mark.parametrize(("name", "is_clock"), [("frame", False), ("id", False), ("millis", True)])
+def test_a_number_of_the_row_is_no_clock(name, is_clock):
+  columns = {name: np.arange(TIME.size, dtype=float), **{NAMES.get(n, n): DRIVEN[n] for n in KEPT}}
+  made = propose("lab", [Table("run.csv", columns, {})])
+  assert ("time" not in made.missing) is is_clock

@@ -53,8 +53,49 @@ def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
   assert np.abs(turned).max() <= np.pi + 1e-9  # so that it jumps by one turn, not by two
 
 
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_a_quaternion_by_numbers_turns_about_what_is_upright(tmp_path, order, up):
+  yaw = 0.1 * np.arange(60)
+  parts = {"w": np.cos(0.5 * yaw), "x": 0.0 * yaw, "y": 0.0 * yaw, "z": 0.0 * yaw, up: np.sin(0.5 * yaw)}
+  rows = [f"{t:.2f}," + ",".join(f"{parts[name][k]:.9f}" for name in order) for k, t in enumerate(TIME)]
+  turned = read(tmp_path, "time,quat[0],quat[1],quat[2],quat[3]", rows).number("quat_yaw", "pose_yaw")
+  assert np.exp(1j * turned) == pytest.approx(np.exp(1j * yaw), abs=1e-6)
+  assert np.abs(turned).max() <= np.pi + 1e-9
+
+
+def test_an_imu_of_six_numbers_has_its_force_where_gravity_is(tmp_path):
+  level = [(0.3 * np.sin(t), 0.2, 9.8, 0.01, 0.02, t) for t in TIME]
+  head = "time," + ",".join(f"imu[{k}]" for k in range(6))
+  for order in ((0, 1, 2, 3, 4, 5), (3, 4, 5, 0, 1, 2)):
+    rows = [f"{t:.2f}," + ",".join(f"{six[k]:.6f}" for k in order) for t, six in zip(TIME, level, strict=True)]
+    table = read(tmp_path, head, rows)
+    assert table.number("imu.acc.z", "accel_x") == pytest.approx(9.8)
+    assert table.number("imu.gyro.z", "yaw_rate") == pytest.approx(TIME, abs=1e-6)
+  rows = [f"{t:.2f},0.1,0.2,0.3,0.1,0.2,{t:.3f}" for t in TIME]  # no gravity: nothing says which is which
+  assert "imu.gyro.z" not in read(tmp_path, head, rows)
+
+
 def test_milliseconds_behind_a_colon_are_no_frames(tmp_path):
   rows = [f"14:00:0{int(t)}:{round(1e3 * (t % 1.0)):03d},1.0" for t in TIME]
   assert np.diff(read(tmp_path, "time,speed", rows).number("time", "time")) == pytest.approx(0.02)
   with pytest.raises(RecordingError, match="not a number"):
     read(tmp_path, "time,speed", ["14:00:00:23,1.0", "14:00:00:24,1.0"]).number("time", "time")
+
+
+def test_stamps_in_columns_secs_and_nsecs_alone_are_one_clock(tmp_path):
+  rows = [f"{1562950800 + int(t)},{round(1e9 * (t % 1.0))},{k}" for k, t in enumerate(TIME)]
+  table = read(tmp_path, "secs,nsecs,data", rows)
+  assert table.number("stamp", "time") - 1562950800.0 == pytest.approx(TIME, abs=1e-6)
+
+
+@pytest.mark.parametrize(("sigma", "is_one"), [(0.004, True), (0.2, False)])
+def test_a_quaternion_that_is_of_length_one_but_for_noise_is_a_rotation(tmp_path, sigma, is_one):
+  yaw, random = np.linspace(-1.0, 1.0, 60), np.random.default_rng(1)
+  parts = np.stack([0.0 * yaw, 0.0 * yaw, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]) + sigma * random.normal(size=(4, 60))
+  table = read(
+    tmp_path, "time,qx,qy,qz,qw", [f"{t},{','.join(map(str, q))}" for t, q in zip(TIME, parts.T, strict=True)]
+  )
+  assert ("q_yaw" in table) == is_one
+  if is_one:
+    assert table.number("q_yaw", "pose_yaw") == pytest.approx(yaw, abs=0.05)

@@ -188,8 +188,8 @@ def test_libraries_are_imported_before_the_memory_is_bounded(tmp_path):
   path = tmp_path / "log.csv"
   path.write_text("\n".join([NAMES, *ROWS]))
   code = (
-    "import sys; from pathlib import Path; from qcar_twin.recordings.formats import columnar; before = set(sys.modules)"
-    "; columnar.read_csv(Path(sys.argv[1]), 'log.csv'); print(*(set(sys.modules) - before))"
+    "import sys; from pathlib import Path; from qcar_twin.recordings.formats.text import samples"
+    "; before = set(sys.modules); samples.read_text(Path(sys.argv[1]), 'log.csv'); print(*(set(sys.modules) - before))"
   )
   ran = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
   assert not {"pandas", "pyarrow.pandas_compat"} & set(ran.stdout.split())

@@ -29,7 +29,7 @@ def test_forces_tell_the_range_and_a_person_the_maker(tmp_path, per_degree, moto
   assert table["channels"]["yaw_rate"]["scale"] == pytest.approx(DEGREE / per_degree, rel=0.2)
 
 
-@pytest.mark.parametrize("per_degree", [131.0, 1e3 / 8.75])
+@pytest.mark.parametrize("per_degree", [131.0, 1e3 / 8.75, 1e3 / 4.375])
 def test_a_heading_tells_both(tmp_path, per_degree):
   table, proposal = counted(tmp_path, per_degree, heading=True)
   assert not [q for q in proposal.questions if "gyro's counts" in q]

@@ -22,7 +22,15 @@ _TAGS = {
     "pause_duration",
   ),
 }  # fmt: skip
+_DATAFLASH = b"FMT, 128"  # the message that describes the others is the first
 _HEAD = 1 << 20  # bytes, among which a tag stands, where a file has one
+
+
+def holds_messages(path: Path) -> bool:
+  """Whether a file is a log of either kind."""
+  with path.open("rb") as file:
+    head = file.read(_HEAD)
+  return head.startswith(_DATAFLASH) or any(tag in head for tag in _TAGS)
 
 
 def tagged_samples(path: Path) -> bytes | None:
@@ -47,7 +55,7 @@ def messages_of(path: Path, label: str) -> Table | None:
   """A dataflash log's messages, `IMU.GyrX` on the clock of its message in s, `IMU_1.GyrX` of a second sensor; None
   where a file is no such log."""
   with path.open("rb") as file:
-    if not file.read(_HEAD).startswith(b"FMT, 128"):
+    if not file.read(len(_DATAFLASH)) == _DATAFLASH:
       return None
   lines = [[cell.strip() for cell in line.split(",")] for line in path.read_text("utf-8", "replace").splitlines()]
   names = {line[3]: line[5:] for line in lines if line[0] == "FMT" and len(line) > 5}
