@@ -62,8 +62,9 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
   if suffix in PACKED:
     raise RecordingError(f"{label}: is packed; unpack it first, and name what comes out")
   if suffix not in known:
+    listed = ", ".join(sorted(known, key=lambda each: each != ".csv"))  # the usual one first
     raise RecordingError(
-      f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)}, ROS 2 bag folders and folders of"
+      f"{label}: cannot read '{path.suffix}' files; readable are: {listed}, ROS 2 bag folders and folders of"
       " tables, one per topic; export it as one of them"
     )
   module, function = known[suffix]

@@ -131,7 +131,7 @@ def test_duplicate_columns_that_nobody_needs_do_no_harm(tmp_path):
 
 def test_unknown_suffix_and_missing_file(tmp_path):
   (tmp_path / "a.xlsx").write_bytes(b"PK")
-  refused(tmp_path / "a.xlsx", "cannot read '.xlsx' files; readable are: ", " .csv,", ".mcap")
+  refused(tmp_path / "a.xlsx", "cannot read '.xlsx' files; readable are: .csv", ".mcap")
   refused(tmp_path / "b.csv", "no such file in")
   assert {".csv", ".parquet", ".npz", ".mat", ".mcap", ".bag"} <= set(readers())
 
