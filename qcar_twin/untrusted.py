@@ -128,10 +128,15 @@ def _in_this_locale(name: str) -> str:
   return os.fsdecode(name.encode("utf-8", "surrogateescape"))
 
 
+def memory_for(size: int) -> int:
+  """Bytes that reading a file of `size` bytes may take."""
+  return SPARE_MEMORY + GROWTH * size
+
+
 @contextlib.contextmanager
 def bounded_memory(size: int) -> Iterator[None]:
-  """While the block runs the process may take SPARE_MEMORY, and GROWTH bytes per byte of a file of `size`, on top of
-  what it has; beyond that every allocation fails (MemoryError, or what a library makes of it).
+  """While the block runs the process may take what a file of `size` bytes may, on top of what it has; beyond that every
+  allocation fails (MemoryError, or what a library makes of it).
 
   Address space is what is bounded; systems that do not bound it (macOS, Windows) are left as they are.
   """
@@ -140,7 +145,7 @@ def bounded_memory(size: int) -> Iterator[None]:
     yield
     return
   soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-  allowed = in_use + SPARE_MEMORY + GROWTH * size
+  allowed = in_use + memory_for(size)
   limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
   resource.setrlimit(resource.RLIMIT_AS, (min([allowed, *limits]), hard))
   try:

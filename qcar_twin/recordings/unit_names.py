@@ -20,7 +20,7 @@ _ODRIVE: dict[tuple[str, ...], str] = {
 }
 _ODRIVES = {"odrive", "odrv", "axis"}
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
-_ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
+ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
 # words that say that something was asked for, and not measured
 COMMANDED = (
   "command", "commands", "commanded", "cmd", "target", "desired", "des", "setpoint", "set", "ref", "reference", "goal",
@@ -94,7 +94,7 @@ def words_of(column: str) -> tuple[str, ...]:
   for place, part in enumerate(_EAST.split(column)):
     western = _WORD.findall(plain(part)) if place % 2 == 0 else ()
     words += of_east(part) if place % 2 else tuple(english for word in western for english in in_english(word.lower()))
-  if (element := _ELEMENT.search(column)) is None or not set(words) & VECTORS:
+  if (element := ELEMENT.search(column)) is None or not set(words) & VECTORS:
     return words
   first = 0 if element["zero"] else 1
   place = int(element["zero"] or element["one"]) - first

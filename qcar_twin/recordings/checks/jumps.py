@@ -9,16 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qcar_twin.recordings.checks.units import suspects_of
+from qcar_twin.recordings.checks.units import EXACT, Bins, suspects_of
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 
 _NEIGHBOURS = 5  # steps on either side that say how far the car moves between two poses
 _BEYOND = 10.0  # times as fast as any neighbour: no car gains that speed within one sample
-_BIN, _SIDE = 0.25, 20  # s, over which two sensors are compared, and bins before and after a change that tell it
+_SIDE = 20  # bins before and after a change that tell it
 _PLACES = 32  # in a recording, at which a change is looked for first
 _MOVES = 0.2  # of what a sensor reaches, from which the ratio of two is known
 _STEADY = 0.15  # of its logarithm, median deviation on either side: sensors of one motion whose ratio stays
-_NEAR = 1.2  # factor to a usual unit's: wheels slip and clocks lag a little
 _FLICKER = 3  # samples within which a pose that went away is back: wrong samples, and no new place
 
 
@@ -105,20 +104,20 @@ def _kept(recording: Recording, time: np.ndarray, good: np.ndarray) -> Recording
 def refuse_changed_units(recording: Recording) -> None:
   """Raises RecordingError where two sensors of one motion stand in one ratio until some time and in another after it,
   by the factor of a usual unit of either."""
-  for a, b, first, other in _of_one_motion(recording):
-    change = _change(first, other)
+  bins = Bins(recording)
+  for a, b, first, other in _of_one_motion(bins):
+    change = _change(bins.edges, first, other)
     if change is None:
       continue
-    k, before, after = change
+    at, before, after = change
     factor = after / before
     named = [
       suspect
       for name in (a, b)
       for suspect in suspects_of(name)
-      if min(abs(math.log(factor * s)) for s in (suspect.scale, 1.0 / suspect.scale)) < math.log(_NEAR)
+      if min(abs(math.log(factor * s)) for s in (suspect.scale, 1.0 / suspect.scale)) < math.log(EXACT)
     ]
     if named:
-      at = recording.start + k * _BIN
       units = " or ".join(dict.fromkeys(f"of {suspect.channel}, {suspect.unit}" for suspect in named))
       raise RecordingError(
         f"{recording.file or recording.name}: {a} is {before:.3g} times {b} until {at:.4g} s and {after:.3g} times "
@@ -127,27 +126,26 @@ def refuse_changed_units(recording: Recording) -> None:
       )
 
 
-def _of_one_motion(recording: Recording) -> list[tuple[str, str, np.ndarray, np.ndarray]]:
+def _of_one_motion(bins: Bins) -> list[tuple[str, str, np.ndarray, np.ndarray]]:
   """Names and values in bins of pairs that measure one motion, the first as measured."""
-  edges, has = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1), set(recording.channels)
-  at = lambda name: recording[name].interpolate(0.5 * (edges[1:] + edges[:-1]))
-  slope = lambda name: np.diff(recording[name].interpolate(edges)) / _BIN
-  pairs = []
+  has, pairs = set(bins.recording.channels), []
   if {"speed", "motor_speed"} <= has:
-    pairs.append(("speed", "motor_speed", at("speed"), at("motor_speed")))
+    pairs.append(("speed", "motor_speed", bins.mean("speed"), bins.mean("motor_speed")))
   if {"pose_x", "pose_y"} <= has:
-    path = np.hypot(slope("pose_x"), slope("pose_y"))
-    pairs += [
-      (name, "pose_x", at(name), path) for name in ("speed", "motor_speed") if name in has - set(recording.derived)
-    ]
+    path, measured = np.hypot(bins.change("pose_x"), bins.change("pose_y")), has - set(bins.recording.derived)
+    pairs += [(name, "pose_x", bins.mean(name), path) for name in ("speed", "motor_speed") if name in measured]
   if {"yaw_rate", "pose_yaw"} <= has:
-    pairs.append(("yaw_rate", "pose_yaw", at("yaw_rate"), slope("pose_yaw")))
+    pairs.append(("yaw_rate", "pose_yaw", bins.mean("yaw_rate"), bins.change("pose_yaw")))
   return pairs
 
 
-def _change(first: np.ndarray, other: np.ndarray) -> tuple[int, float, float] | None:
-  """The bin at which the ratio of two sensors changes most, and its medians before and after; None where it stays, or
-  scatters about either."""
+def _change(edges: np.ndarray, first: np.ndarray, other: np.ndarray) -> tuple[float, float, float] | None:
+  """When the ratio of two sensors changes most, s, and its medians before and after; None where it stays, or scatters
+  about either.
+
+  Args:
+    edges: of the bins that the sensors are given in, s.
+  """
   known = np.isfinite(first) & np.isfinite(other) & (first * other != 0.0)
   if known.sum() < 2 * _SIDE:
     return None
@@ -162,6 +160,6 @@ def _change(first: np.ndarray, other: np.ndarray) -> tuple[int, float, float] | 
   nearer = np.where(np.abs(ratio - before) < np.abs(ratio - after), 1, -1)
   k = int(np.clip(np.argmax(np.cumsum(nearer)) + 1, _SIDE, where.size - _SIDE))
   scatter = max(float(np.median(np.abs(part - middle))) for part, middle in ((ratio[:k], before), (ratio[k:], after)))
-  if abs(after - before) < math.log(_NEAR) or scatter > _STEADY:
+  if abs(after - before) < math.log(EXACT) or scatter > _STEADY:
     return None
-  return int(where[k]) if k < where.size else int(where[-1]), math.exp(before), math.exp(after)
+  return float(edges[where[k]]), math.exp(before), math.exp(after)

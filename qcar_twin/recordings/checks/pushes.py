@@ -13,6 +13,7 @@ import numpy as np
 
 from qcar_twin.recordings.checks.acted import Stretch
 from qcar_twin.recordings.checks.driving import MOVING, PERIOD, Drive, driven, runs, smoothed
+from qcar_twin.recordings.checks.units import Bins, travel_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 
 _LONGEST_LAG = 0.5  # s, for which a drive may go on after its command ended, or before the next, stamped late
@@ -22,7 +23,7 @@ _SMOOTH = 5  # rows of the grid in a mean of the speed, 0.25 s
 _SURE = 5.0  # deviations of such a mean: a drive has a thousand of them
 _WITNESSED = 0.5  # of the rise that another sensor shows, or that is lost again: halfway between all and nothing
 _PATH = 0.2  # s, over which a path's speed is taken
-_BIN, _LEAST = 0.25, 20  # s, over which wheels and forces are compared, and bins that tell
+_LEAST = 20  # bins, over which wheels and forces are compared, that tell
 # times what is felt, from which wheels speed up and the car does not, whatever their radius; m/s^2 that any drive takes
 _TIMES, _DRIVEN = 5.0, 0.3
 _TURNS, _SPAN, _UNLIKE = 0.05, 0.3, 0.3  # rad/s and m within which a car stands, and correlation of force with wheels
@@ -131,8 +132,7 @@ def without_lifted(
   Raises:
     RecordingError: no other recording is left.
   """
-  travel = float(vehicle.get("gear_ratio", np.nan)) * float(vehicle.get("wheel_radius", np.nan))
-  lifted = [r for r in recordings if is_lifted(r, travel)]
+  lifted = [r for r in recordings if is_lifted(r, travel_of(vehicle))]
   said = (
     "the wheels speed up and slow down, and neither accelerometer nor gyro nor place moves: the car stood, with its"
   )
@@ -143,37 +143,25 @@ def without_lifted(
 
 
 def is_lifted(recording: Recording, travel: float) -> bool:
-  """Whether wheels speed up and slow down in a recording and nothing else moves.
+  """Whether wheels speed up and slow down in a recording and nothing else moves. Either accelerometer tells: an IMU may
+  lie with its y axis along the car.
 
   Args:
     travel: m per rad of the motor, for logs without a speed.
   """
-  has = set(recording.channels) - set(recording.derived)
+  has, bins = set(recording.channels) - set(recording.derived), Bins(recording)
   name = "speed" if "speed" in has else "motor_speed"
-  if not {name, "accel_x"} <= has or not has & {"yaw_rate", "pose_x"}:
+  forces = [bins.mean(axis) for axis in ("accel_x", "accel_y") if axis in has]
+  if name not in has or not forces or not has & {"yaw_rate", "pose_x"}:
     return False
-  edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
-  if len(edges) <= _LEAST:
+  gained = bins.change(name) * (travel if name == "motor_speed" else 1.0)
+  both = np.isfinite(gained) & np.isfinite(forces).all(axis=0)
+  felt = [force[both] for force in forces]
+  if both.sum() < _LEAST or not np.std(gained[both]) > max(_TIMES * max(map(np.std, felt)), _DRIVEN):
     return False
-  gained = np.diff(recording[name].interpolate(edges)) / _BIN * (travel if name == "motor_speed" else 1.0)
-  felt, turned = _mean(recording, "accel_x", edges), _mean(recording, "yaw_rate", edges)
-  both = np.isfinite(gained) & np.isfinite(felt)
-  if both.sum() < _LEAST or not np.std(gained[both]) > max(_TIMES * np.std(felt[both]), _DRIVEN):
+  if "yaw_rate" in has and np.nanstd(bins.mean("yaw_rate")) > _TURNS:
     return False
-  if np.nanstd(turned) > _TURNS if np.isfinite(turned).any() else False:
+  if any(np.ptp(recording[place].value) > _SPAN for place in ("pose_x", "pose_y") if place in has):
     return False
-  if "pose_x" in has and np.ptp(recording["pose_x"].value) > _SPAN:
-    return False
-  return np.ptp(felt[both]) == 0.0 or abs(float(np.corrcoef(gained[both], felt[both])[0, 1])) < _UNLIKE
-
-
-def _mean(recording: Recording, name: str, edges: np.ndarray) -> np.ndarray:
-  """A channel's means between edges; NaN where it has no sample, or is not there."""
-  if name not in recording:
-    return np.full(len(edges) - 1, np.nan)
-  stream = recording[name]
-  which = np.digitize(stream.time, edges) - 1
-  inside = (which >= 0) & (which < len(edges) - 1)
-  count = np.bincount(which[inside], minlength=len(edges) - 1)
-  total = np.bincount(which[inside], stream.value[inside], minlength=len(edges) - 1)
-  return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+  moved = [force for force in felt if np.ptp(force) > 0.0]
+  return all(abs(float(np.corrcoef(gained[both], force)[0, 1])) < _UNLIKE for force in moved)

@@ -6,18 +6,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from qcar_twin.recordings.checks.units import Bins, speed_in
 from qcar_twin.recordings.completed import heading_or_course
 from qcar_twin.recordings.recording import Recording, RecordingError
 
 _GYRO = 0.2  # rad/s about its median: ten times a gyro's usual zero, and what a car that goes straight on doesn't reach
 ACROSS = ("accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw", "pose_score")  # what turning shows in
 _TURN = 0.5  # rad of the heading, for cars without a gyro: a straight run drifts by less
-_BIN, _LEAST = 0.25, 20  # s, over which turning and steering are compared, and bins that tell
+_LEAST = 20  # bins that tell
 _MOVES = 0.3  # of the top speed, from which a path's curvature is known
 # a command that moves by less than a tenth of what the path takes, and does not go with it, steered nothing; one in
 # another unit goes with it
 _STILL, _ALIKE = 0.1, 0.5
-_STEERED = 0.15  # rad between the angles that a path takes: two thirds of a car's lock, and no trim
+_STEERED = 0.15  # rad between the angles that a path takes, stated prior: from lock to lock a car has 0.7 and more
 _LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command
 
 
@@ -50,10 +51,8 @@ def without_dead_steering(
     RecordingError: no recording holds another.
   """
   kept, notes = [], []
-  number = lambda key: float(vehicle.get(key, np.nan))
-  wheelbase, travel = number("cg_to_front") + number("cg_to_rear"), number("gear_ratio") * number("wheel_radius")
   for recording in recordings:
-    if (stays := _dead_at(recording, wheelbase, travel)) is None:
+    if (stays := _dead_at(recording, vehicle)) is None:
       kept.append(recording)
       continue
     streams = {name: stream for name, stream in recording.streams.items() if name != "steering_command"}
@@ -68,21 +67,21 @@ def without_dead_steering(
   return kept, [f"{note}; it is left out" for note in notes]
 
 
-def _dead_at(recording: Recording, wheelbase: float, travel: float) -> float | None:
+def _dead_at(recording: Recording, vehicle: Mapping[str, float | str]) -> float | None:
   """The angle, rad, at which a steering command stays that did not steer the car; None where it did, or where the
-  wheelbase, m, or of a log without a speed the `travel` of a turn of the motor, m/rad, is not known."""
-  speeds = [name for name in ("speed", "motor_speed") if name in recording]
-  if not {"steering_command", "yaw_rate"} <= set(recording.channels) or not speeds:
+  car's wheelbase, or what travel a turn of its motor is, is not known and needed."""
+  if not {"steering_command", "yaw_rate"} <= set(recording.channels) or not {"cg_to_front", "cg_to_rear"} <= set(
+    vehicle
+  ):
     return None
-  middle = np.arange(recording.start + _BIN, recording.end - _BIN, _BIN)
-  speed = recording[speeds[0]].interpolate(middle) * (travel if speeds[0] == "motor_speed" else 1.0)
-  rate = recording["yaw_rate"].interpolate(middle)
+  wheelbase, bins = float(vehicle["cg_to_front"]) + float(vehicle["cg_to_rear"]), Bins(recording)
+  (speed, _), rate = speed_in(bins, vehicle), bins.mean("yaw_rate")
   known = np.isfinite(speed) & np.isfinite(rate)
   known &= np.abs(speed) > _MOVES * np.max(np.abs(speed[known]), initial=0.0)
   if known.sum() < _LEAST:
     return None
   turns = np.arctan(wheelbase * rate[known] / speed[known])
-  commanded = [recording["steering_command"].at(middle[known] - lag) for lag in _LAGS]
+  commanded = [recording["steering_command"].at(bins.middles[known] - lag) for lag in _LAGS]
   spread = lambda values: float(np.subtract(*np.percentile(values, [95.0, 5.0])))
   path = spread(turns)
   if path < max(abs(float(np.median(turns))), _STEERED):

@@ -16,7 +16,7 @@ _ALOOF = 2.0  # times what the rest of a log reaches, from which a sample is non
 _BIN = 0.25  # s, over which channels are averaged before they are compared
 _BINS = 10  # fewest bins that a comparison is worth
 UNIT_CORRELATION = 0.6  # agreement that convicts a unit
-_LOOSE, _EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and noise between the channels, and without
+_LOOSE, EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and noise between the channels, and without
 _GENTLE = 4.0  # m/s^2; beyond it the wheels may spin and say nothing about acceleration
 _SIGN_CORRELATION = 0.85  # agreement that convicts a sign
 _USUAL_WHEELBASE = 0.256  # m, of the 1:10 car that the channels' limits are for
@@ -138,7 +138,7 @@ def _confirmed(recording: Recording, vehicle: Mapping[str, float | str], name: s
     return 0.5 * top[0] < top[1] < 2.0 * top[0] and _confirmed(recording, vehicle, "speed")
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
-    if name in comparison.takes and correlation > _SIGN_CORRELATION and 1.0 / _EXACT < slope < _EXACT:
+    if name in comparison.takes and correlation > _SIGN_CORRELATION and 1.0 / EXACT < slope < EXACT:
       return True
   return False
 
@@ -224,8 +224,8 @@ def of_most(units: Sequence[Suspect], others: Sequence[Comparison]) -> list[Susp
 
 
 def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> Iterator[Comparison]:
-  bins, channels = _Bins(recording), set(recording.channels)
-  speed, name = _speed(bins, vehicle)
+  bins, channels = Bins(recording), set(recording.channels)
+  speed, name = speed_in(bins, vehicle)
   if {"yaw_rate", "pose_yaw"} <= channels:
     yield _turning_of_pose(bins)
   if {"pose_x", "pose_y"} <= channels:
@@ -238,7 +238,7 @@ def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> It
     yield _longitudinal(bins, speed, name)
 
 
-def _turning_of_pose(bins: _Bins) -> Comparison:
+def _turning_of_pose(bins: Bins) -> Comparison:
   suspects = (*_inflated("yaw_rate"), *_deflated("pose_yaw"), *_scaled_twice("yaw_rate"))
   return Comparison(
     "yaw_rate",
@@ -247,19 +247,19 @@ def _turning_of_pose(bins: _Bins) -> Comparison:
     bins.change("pose_yaw"),
     ("yaw_rate", "pose_yaw"),
     suspects,
-    _EXACT,
+    EXACT,
   )
 
 
-def _speed_of_pose(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+def _speed_of_pose(bins: Bins, speed: np.ndarray, name: str) -> Comparison:
   suspects = (*_inflated(name), *_deflated("pose_x"))
   travelled = np.hypot(bins.change("pose_x"), bins.change("pose_y"))
   return Comparison(
-    name, "the speed of pose_x, pose_y", np.abs(speed), travelled, (name, "pose_x", "pose_y"), suspects, _EXACT
+    name, "the speed of pose_x, pose_y", np.abs(speed), travelled, (name, "pose_x", "pose_y"), suspects, EXACT
   )
 
 
-def _turning_of_steering(bins: _Bins, speed: np.ndarray, name: str, wheelbase: float) -> Comparison:
+def _turning_of_steering(bins: Bins, speed: np.ndarray, name: str, wheelbase: float) -> Comparison:
   turning = speed * np.tan(bins.mean("steering_command")) / wheelbase
   return Comparison(
     "yaw_rate",
@@ -271,7 +271,7 @@ def _turning_of_steering(bins: _Bins, speed: np.ndarray, name: str, wheelbase: f
   )
 
 
-def _lateral(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+def _lateral(bins: Bins, speed: np.ndarray, name: str) -> Comparison:
   suspects = (*_inflated("accel_y"), *_deflated("yaw_rate"), *_rpm(name))
   yaw_rate = bins.mean("yaw_rate")
   return Comparison(
@@ -279,7 +279,7 @@ def _lateral(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
   )
 
 
-def _longitudinal(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+def _longitudinal(bins: Bins, speed: np.ndarray, name: str) -> Comparison:
   suspects = (*_inflated("accel_x"), *_rpm(name))
   gained = np.gradient(speed, _BIN)
   gentle = np.where(np.abs(gained) < _GENTLE, gained, np.nan)
@@ -307,32 +307,39 @@ def _rpm(name: str) -> Slopes:
   return _deflated(name) if name == "motor_speed" else ()
 
 
-def _speed(bins: _Bins, vehicle: Mapping[str, float | str]) -> tuple[np.ndarray, str]:
+def speed_in(bins: Bins, vehicle: Mapping[str, float | str]) -> tuple[np.ndarray, str]:
   """Speed in each bin, m/s (n,), and its channel; NaN when the motor's is known but no gear ratio and wheel radius."""
   if "speed" in bins.recording:
     return bins.mean("speed"), "speed"
-  metres_per_rad = float(vehicle.get("gear_ratio", math.nan)) * float(vehicle.get("wheel_radius", math.nan))
-  return bins.mean("motor_speed") * metres_per_rad, "motor_speed"
+  return bins.mean("motor_speed") * travel_of(vehicle), "motor_speed"
 
 
-class _Bins:
+def travel_of(vehicle: Mapping[str, float | str]) -> float:
+  """m that a car goes for a radian of its motor; NaN without gear ratio and wheel radius."""
+  return float(vehicle.get("gear_ratio", math.nan)) * float(vehicle.get("wheel_radius", math.nan))
+
+
+class Bins:
   """A recording in bins of 0.25 s: means of a channel, and changes per second between bin edges."""
 
   def __init__(self, recording: Recording) -> None:
     self.recording = recording
     self.edges = recording.start + _BIN * np.arange(max(int(recording.duration / _BIN), 2) + 1)
+    self.middles = 0.5 * (self.edges[1:] + self.edges[:-1])
 
   def mean(self, channel: str) -> np.ndarray:
+    """NaN where there is no sample."""
     bins = self.edges.size - 1
     if channel not in self.recording:
       return np.full(bins, np.nan)
     stream = self.recording[channel]
     if CHANNELS[channel].is_command:
-      return stream.at(0.5 * (self.edges[1:] + self.edges[:-1]))
+      return stream.at(self.middles)
     index = np.clip(((stream.time - self.edges[0]) / _BIN).astype(int), 0, bins - 1)
     count = np.bincount(index, minlength=bins)
     with np.errstate(invalid="ignore", divide="ignore"):
       return np.bincount(index, stream.value, minlength=bins) / count
 
   def change(self, channel: str) -> np.ndarray:
+    """Per second."""
     return np.diff(self.recording[channel].interpolate(self.edges)) / _BIN

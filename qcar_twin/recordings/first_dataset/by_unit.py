@@ -33,7 +33,7 @@ def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
   that channel by name; an angle and two accelerations where the motion confirms them. The battery's voltage first."""
   settle_battery(columns, guesses)
   _only_ones(columns, guesses)
-  settle_battery(columns, guesses)
+  settle_battery(columns, guesses)  # the only voltage may be the battery's, too
   _accelerations(columns, guesses)
   _steering(columns, guesses)
   _pulses(columns, guesses)

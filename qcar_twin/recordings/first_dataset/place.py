@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from qcar_twin.atomic_io import whole_file
-from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
-from qcar_twin.recordings.first_dataset.parts.torn import is_clock
+from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MANY, MOTION, is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
 from qcar_twin.recordings.formats.table import NoSamples, SeveralRecordings, Table
 from qcar_twin.recordings.formats.text import READERS as TEXTS
@@ -24,11 +23,9 @@ from qcar_twin.recordings.recording import RecordingError
 
 _BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
 _LISTED = 3  # files that are named
-_MANY = 20  # rows: among fewer some number rises by chance, and nobody drives for so few
-_COMMANDED, _MOVED = {*DRIVE_COMMANDS, "steering_command"}, {"speed", "motor_speed", "pose_x", "yaw_rate"}
 _LATER = re.compile(r"\[[1-9]\d*\]$")
 _CHANNELS = 2  # columns that are channels by their names, of a log whose clock was not logged
-_NOT_IN_TIME = f"no column of {_MANY} rows and more is a clock, so that it is no log"
+_NOT_IN_TIME = f"no column of {MANY} rows and more is a clock, so that it is no log"
 _UNFIT = re.compile(r"[^\w.-]+")  # for a file's name
 _DOCUMENTS = (".json", ".jsonl", ".ndjson")  # logs, or results, settings and descriptions of logs
 _MAY_BE_NOTES = set(TEXTS) - {".csv", ".tsv"}  # of a folder those that hold a table are logs
@@ -220,8 +217,8 @@ def _in_time(table: Table) -> bool:
     return False
   clock = guesses["time"].column
   by_name = is_clock(clock) and not _LATER.search(clock)
-  if table.rows < _MANY:
-    return by_name and bool(guesses.keys() & _COMMANDED) and bool(guesses.keys() & _MOVED)
+  if table.rows < MANY:
+    return by_name and bool(guesses.keys() & {*COMMANDS}) and bool(guesses.keys() & {*MOTION})
   return table.headless or len(guesses) > 1 or by_name
 
 

@@ -16,11 +16,13 @@ from qcar_twin.recordings.formats.dates import seconds_of
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
+from qcar_twin.untrusted import memory_for
 
 pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # where pyarrow was imported before: see formats
 pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound that is for a file's contents
 
 CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
+_BYTES = np.dtype(float).itemsize  # that a cell becomes, whatever a file holds it as
 _WIDEST = 16  # columns of an array that holds a row for each sample
 # "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
 _RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
@@ -32,7 +34,11 @@ READERS = {".parquet": "read_parquet", ".npz": "read_npz"}
 def read_parquet(path: Path, label: str) -> Table:
   """A Parquet file with flat numeric columns; null means no sample."""
   try:
-    table = pyarrow.parquet.read_table(opened(path), use_threads=False, pre_buffer=False)
+    with opened(path) as stream, pyarrow.parquet.ParquetFile(stream, pre_buffer=False) as file:
+      stated = _BYTES * file.metadata.num_rows * file.metadata.num_columns
+      if stated > memory_for(path.stat().st_size):  # no need to unpack a gigabyte to see that there are more
+        raise MemoryError(f"{label}: holds {file.metadata.num_rows} rows")
+      table = file.read(use_threads=False)
   except (pyarrow.ArrowException, OSError) as error:
     if isinstance(error, MemoryError) or getattr(error, "errno", None):
       raise

@@ -12,7 +12,7 @@ import numpy as np
 from qcar_twin.recordings.formats.axles import axle_means
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import VECTORS, unit_of, words_of
+from qcar_twin.recordings.unit_names import ELEMENT, VECTORS, unit_of, words_of
 
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ /]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
@@ -28,7 +28,6 @@ _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one driv
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
 _ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
 _ROTATIONS = {"quat", "quaternion", "orientation", "rotation", "q"}
-_ELEMENT = re.compile(r"^(?P<stem>.+?)(?:\[(?P<zero>\d)\]|\((?P<one>\d)\))$")
 # the elements of a quaternion that stay small of a car on a floor -> w, and the one that turns
 _PLANAR = {(1, 2): (0, 3), (0, 1): (3, 2), (0, 2): (3, 1), (1, 3): (0, 2)}  # z or y upwards, w first or last
 _IMUS, _GRAVITIES, _NEAR = {"imu"}, (9.80665, 1.0), 0.1  # m/s^2 and g, and how near a reading of it is
@@ -168,8 +167,8 @@ def _vectors(table: Table, count: int) -> dict[str, np.ndarray]:
   """The vectors of so many elements that columns hold one each, `quat[0]` and on, or `quat(1)`, (count, rows)."""
   places: dict[str, dict[int, str]] = {}
   for name in table.columns:
-    if (parsed := _ELEMENT.match(name)) is not None:
-      places.setdefault(parsed["stem"], {})[int(parsed["zero"] or int(parsed["one"]) - 1)] = name
+    if (parsed := ELEMENT.search(name)) is not None:
+      places.setdefault(name[: parsed.start()], {})[int(parsed["zero"] or int(parsed["one"]) - 1)] = name
   whole = {
     stem: tuple(parts[k] for k in range(count)) for stem, parts in places.items() if set(parts) == set(range(count))
   }

@@ -8,24 +8,14 @@ import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.parts.joined import Joined
+from qcar_twin.recordings.first_dataset.parts.torn import MANY
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.unit_names import words_of
 
-_MANY = 20  # rows of a run: nobody drives for fewer
 _AGAIN = 1.0  # s after a file's first time, before which a clock that began again begins
 _RUNS = {
-  "run",
-  "runs",
-  "trial",
-  "take",
-  "session",
-  "experiment",
-  "recording",
-  "drive",
-  "episode",
-  "test",
-  "measurement",
-}
+  "run", "runs", "trial", "take", "session", "experiment", "recording", "drive", "episode", "test", "measurement",
+}  # fmt: skip
 
 
 def runs_apart(tables: Sequence[Table]) -> Joined:
@@ -55,7 +45,7 @@ def runs_apart(tables: Sequence[Table]) -> Joined:
 
 def _beginnings(table: Table) -> list[int]:
   """The rows in which a run begins; the first one alone where the file is one run."""
-  if table.headless or table.rows < 2 * _MANY:
+  if table.headless or table.rows < 2 * MANY:
     return [0]
   columns = Columns((table,))
   clock = guess_columns(columns).get("time")
@@ -63,7 +53,7 @@ def _beginnings(table: Table) -> list[int]:
     return [0]
   time = clock.scale * columns.tables[0].number(clock.column, "time")
   cuts = [0, *(np.flatnonzero(np.diff(time) < 0.0) + 1).tolist()]
-  long = np.diff([*cuts, table.rows]).min() >= _MANY
+  long = np.diff([*cuts, table.rows]).min() >= MANY
   return cuts if long and (time[cuts] <= time[0] + _AGAIN).all() else [0]
 
 

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.parts.pairing import MOTION, Part, clocked, paired, part_of, words_of_file
+from qcar_twin.recordings.first_dataset.parts.pairing import Part, clocked, paired, part_of, words_of_file
 from qcar_twin.recordings.first_dataset.parts.topics import by_topic
-from qcar_twin.recordings.first_dataset.parts.torn import is_clock
+from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MOTION, is_clock
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 
 JOINED = "joined.csv"
-_COMMANDS = (*DRIVE_COMMANDS, "steering_command")
 # of the longest file's time, during which all of them have rows: parts of one drive begin and end alike
 _TOGETHER = 0.5
 _DATE = 1e6  # s, beyond which a clock is a date's
@@ -84,7 +82,7 @@ def topics_of_one_drive(tables: Sequence[Table], each: Sequence[Columns], topics
   apart = _of_different_names(each)
   guessed = [guess_columns(columns) for columns in each]
   for table, columns, guesses in zip(tables, each, guessed, strict=True):
-    whole_drive = _has(guesses, _COMMANDS) and _has(guesses, MOTION)
+    whole_drive = _has(guesses, COMMANDS) and _has(guesses, MOTION)
     if "time" not in guesses or (whole_drive and not apart and _logged_again(columns, each)):
       return None
     groups.append(clocked(columns, guesses["time"], Path(table.label).stem))
@@ -101,7 +99,7 @@ def topics_of_one_drive(tables: Sequence[Table], each: Sequence[Columns], topics
   except RecordingError:
     return None
   guesses = guess_columns(Columns((whole,)))
-  known = [_has(guesses, channels) for channels in (_COMMANDS, MOTION)]
+  known = [_has(guesses, channels) for channels in (COMMANDS, MOTION)]
   return whole if all(known) or ((apart or dated or topics) and any(known)) else None
 
 

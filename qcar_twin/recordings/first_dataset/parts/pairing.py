@@ -9,15 +9,13 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.parts.motion import Fit, Motion, fit, motion_of
-from qcar_twin.recordings.first_dataset.parts.torn import is_clock
+from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MOTION, is_clock
 from qcar_twin.recordings.formats.table import Clocked, Table
 from qcar_twin.recordings.recording import RecordingError
 
-MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
 _ALIKE = 0.8  # correlation of two sensors of one motion, as the check has it
 _CLEAR = 0.1  # of a correlation, by which one of two files, or of two lags, goes better with a third
 _LATE = 0.5  # s, from which a lag is none of a sensor or a servo
@@ -64,7 +62,7 @@ def part_of(table: Table, columns: Columns | None = None) -> Part:
   guesses = guess_columns(columns)
   guess_by_unit(columns, guesses)
   known = lambda channels: not guesses.keys().isdisjoint(channels)
-  return Part(table.label, columns, guesses, known((*DRIVE_COMMANDS, "steering_command")), known(MOTION))
+  return Part(table.label, columns, guesses, known(COMMANDS), known(MOTION))
 
 
 def clocked(columns: Columns, clock: Guess, prefix: str) -> Clocked:

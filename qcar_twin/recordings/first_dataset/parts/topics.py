@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 
 from qcar_twin.recordings.first_dataset.columns import Guess
 from qcar_twin.recordings.first_dataset.parts.pairing import Part, clocked, part_of, shift_of
-from qcar_twin.recordings.first_dataset.parts.torn import is_clock
+from qcar_twin.recordings.first_dataset.parts.torn import MANY, is_clock
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.row_clock import DATED
@@ -17,7 +17,6 @@ _TOPICS = 3  # of a drive; two kinds of files are a car's log and a motion captu
 _COMPLETE = 0.5  # of all topics that a drive has at least, and of all drives that a topic is of
 _ALIKE = 0.5  # of the columns of the file with fewer: a message of one kind may repeat a name of another
 _TOGETHER = 0.5  # of the shorter file's time, during which two of one clock both have rows
-_MANY = 20  # rows, among which none that is no clock rises by chance
 _WORD = re.compile(r"[a-zA-Z]+|\d+")
 Named = Mapping[str, tuple[str, str]]  # by file its drive and its topic
 
@@ -152,7 +151,7 @@ def _joined(name: str, files: Sequence[Part], topics: Mapping[str, str]) -> tupl
 def _clock(part: Part) -> Guess | None:
   """What says when a file's rows were; None where nothing does: in a few rows some number rises by chance."""
   clock = part.guesses.get("time")
-  return clock if clock and (part.columns.tables[0].rows >= _MANY or is_clock(clock.column)) else None
+  return clock if clock and (part.columns.tables[0].rows >= MANY or is_clock(clock.column)) else None
 
 
 def _of_one_clock(files: Sequence[Part], topics: Mapping[str, str]) -> tuple[Part, list[Clocked]]:

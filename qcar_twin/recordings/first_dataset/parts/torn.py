@@ -8,13 +8,15 @@ from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import RecordingError
 
+COMMANDS, MOTION = (*DRIVE_COMMANDS, "steering_command"), ("motor_speed", "speed", "pose_x", "yaw_rate")
+MANY = 20  # rows: among fewer some number that is no clock rises by chance, and nobody drives for so few
 _SHOWN = 80  # letters of a list of files
 
 
 def refuse_parts(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   """Raises RecordingError where commands and motion of one drive lie in files of their own."""
-  commands = {guesses[name].column for name in (*DRIVE_COMMANDS, "steering_command") if name in guesses}
-  motion = {guesses[name].column for name in ("motor_speed", "speed", "pose_x", "yaw_rate") if name in guesses}
+  commands = {guesses[name].column for name in COMMANDS if name in guesses}
+  motion = {guesses[name].column for name in MOTION if name in guesses}
   parts = {
     table.label: (bool(commands & set(table.columns)), bool(motion & set(table.columns))) for table in columns.tables
   }

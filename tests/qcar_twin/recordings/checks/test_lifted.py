@@ -43,6 +43,10 @@ def test_a_car_that_drives_straight_on_or_gently_is_none():
   time, columns = drive()
   straight = columns | {"yaw_rate": 0.01 * np.random.default_rng(1).standard_normal(time.size)}
   assert not is_lifted(Recording.from_columns("straight", time, straight), TRAVEL)
+  turned = straight | {"accel_y": columns["accel_x"]}
+  turned["accel_x"] = 0.02 * np.random.default_rng(2).standard_normal(time.size)  # an IMU that lies across
+  pose = {name: values for name, values in turned.items() if not name.startswith("pose")}
+  assert not is_lifted(Recording.from_columns("across", time, pose), TRAVEL)
   rolls = {"motor_speed": 100.0 + 0.5 * np.sin(time), "accel_x": 0.01 * np.cos(9.0 * time), "yaw_rate": 0.0 * time}
   assert not is_lifted(Recording.from_columns("steady", time, columns | rolls), TRAVEL)
 

@@ -103,21 +103,21 @@ def test_what_both_felt_tells_the_clock_where_the_car_lags_behind_its_commands(t
   assert ("what the car takes to obey" in drives.said[0]) == (not felt)
 
 
-def test_a_clock_of_its_own_that_no_motion_places_is_refused(tmp_path):
+@pytest.mark.parametrize(
+  ("device", "steered", "said"),
+  [
+    (7.0, 0.0, r"take1_imu.csv: are of one drive.*the motion never.*leave it out"),
+    (None, 1.0, r"take2_cmd.csv and take2_wheel.csv: are of one drive.*hardly meet"),
+  ],
+  ids=["no motion tells", "never meet"],
+)
+def test_files_of_one_drive_whose_clocks_cannot_be_joined_are_refused_by_name(tmp_path, device, steered, said):
   for number in (1, 2):
-    write_take(tmp_path, number, device=7.0, steered=0.0)
+    write_take(tmp_path, number, device=device, steered=steered)
+  if device is None:
+    (tmp_path / "take2_wheel.csv").write_bytes((tmp_path / "take1_wheel.csv").read_bytes())
   tables = [read_table(file, file.name) for file in sorted(tmp_path.glob("*.csv"))]
-  with pytest.raises(RecordingError, match=r"take1_imu.csv: are of one drive.*the motion never.*leave it out"):
-    joined(tables)
-
-
-def test_files_of_one_drive_that_never_meet_are_refused_by_name(tmp_path):
-  for number in (1, 2):
-    write_take(tmp_path, number)
-  path = tmp_path / "take2_wheel.csv"
-  path.write_text((tmp_path / "take1_wheel.csv").read_text(encoding="utf-8"), encoding="utf-8")
-  tables = [read_table(file, file.name) for file in sorted(tmp_path.glob("*.csv"))]
-  with pytest.raises(RecordingError, match=r"take2_cmd.csv and take2_wheel.csv: are of one drive.*hardly meet"):
+  with pytest.raises(RecordingError, match=said):
     joined(tables)
 
 
