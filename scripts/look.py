@@ -14,8 +14,10 @@ import tyro
 
 from calibration.log_check.check import LogCheck
 from calibration.log_check.report import check_and_say, write_raw
+from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
-from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
+from qcar_twin.recordings.first_dataset.parts.drives import drives_of
+from qcar_twin.recordings.first_dataset.place import logs_of, placed
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
@@ -39,16 +41,16 @@ def main(config: Config) -> LogCheck | None:
     return check_and_say(config.logs[0], config.out)
   with tempfile.TemporaryDirectory() as folder:
     place = Path(folder) / (config.logs[0].resolve().stem or "log")
-    read = with_rows(placed(place, logs_of(config.logs)))
-    proposal = propose(place.name, [table for _, table in read])
-    place.mkdir(exist_ok=True)
-    copy_in(place, [log for log, _ in read])
-    (place / FILE_NAME).write_text(proposal.text, encoding="utf-8")
+    drives = drives_of(place, placed(place, logs_of(config.logs)))
+    proposal = propose(place.name, drives.tables)
+    print("".join(f"{line}\n" for line in drives.said), end="")
+    drives.lay(place)
+    write_text(place / FILE_NAME, proposal.text)
     print("\n".join(f"  {line}" for line in proposal.channels))
     try:
       return check_and_say(place, config.out)
     except RecordingError as error:
-      page = write_raw([table for _, table in read], str(error), proposal.channels, config.out)
+      page = write_raw(drives.tables, str(error), proposal.channels, config.out)
       print(f"Not readable as a drive yet: {error}\npage: {page}")
       return None
 

@@ -14,10 +14,9 @@ import tyro
 from calibration.log_check.report import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
-from qcar_twin.recordings.first_dataset.parts.apart import runs_apart
-from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
-from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows, without_header
-from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.first_dataset.parts.drives import drives_of
+from qcar_twin.recordings.first_dataset.place import logs_of, placed, without_header
+from qcar_twin.recordings.first_dataset.propose import SAID, propose
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -34,34 +33,30 @@ class Config:
   """Distance between the car's axles, m; without it that of a car that turns as the logs do."""
   mass: float | None = None
   """Mass of the car, kg; without it an estimate from the wheelbase."""
+  wheel_radius: float | None = None
+  """Radius of the wheels, m; without it an estimate from the wheelbase."""
+  gear_ratio: float | None = None
+  """Turns of a wheel per turn of the motor, 0.1 say; without it by the log's speeds, where both are there."""
   out: Path | None = None
   """Folder for the check's page; FOLDER_check next to the data set where not given."""
 
 
 def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
-  read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,), config.folder)))
-  logs = [log for log, _ in read]
-  runs = runs_apart([table for _, table in read])
-  drives = joined(runs.tables)
-  written = {log.name for log in logs if log.made}
-  made = drives.made or (*(table for table in runs.tables if table.label in written), *runs.made)
-  for table in made:
-    if (config.folder / table.label).exists():
-      raise RecordingError(f"{config.folder / table.label}: is there already and is not replaced; remove it")
-  tables = drives.tables
-  proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
-  print("".join(f"{line}\n" for line in (*runs.said, *drives.said)), end="")
-  for table in made:
-    print(f"  written: {write_text(config.folder / table.label, as_csv(table))}")
-  copy_in(config.folder, [log for log in logs if any(log.name == table.label for table in tables)])
+  drives = drives_of(config.folder, placed(config.folder, logs_of(config.files or (config.folder,), config.folder)))
+  said = {key: figure for key in SAID if (figure := getattr(config, key)) is not None}
+  proposal = propose(config.folder.resolve().name, drives.tables, **said)
+  print("".join(f"{line}\n" for line in drives.said), end="")
+  for path in drives.lay(config.folder):
+    print(f"  written: {path}")
   path = write_text(config.folder / FILE_NAME, proposal.text)
-  print(f"{path}: {len(tables)} log{'s' if len(tables) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
+  logs = f"{len(drives.tables)} log{'s' if len(drives.tables) > 1 else ''}"
+  print(f"{path}: {logs}, {len(proposal.guesses)} guesses to look at")
   print("\n".join(f"  {line}" for line in proposal.channels))
-  print("".join(f"{line}\n" for line in without_header(read)), end="")
+  print("".join(f"{line}\n" for line in without_header(drives.read)), end="")
   for name in proposal.missing:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
-  if unsaid := [f"--{name}" for name in ("wheelbase", "mass") if getattr(config, name) is None]:
+  if unsaid := [f"--{name.replace('_', '-')}" for name in SAID if name not in said]:
     print(f"not said: {', '.join(unsaid)}; the car's numbers in [vehicle] are estimates, correct them there")
   for question in proposal.questions:
     print(f"to be answered: {question}")

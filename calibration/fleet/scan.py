@@ -26,9 +26,10 @@ from calibration.twin_calibration.calibration import calibrate
 from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.parallel import in_parallel
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
-from qcar_twin.recordings.first_dataset.place import copy_in, placed, with_rows
+from qcar_twin.recordings.first_dataset.parts.drives import drives_of
+from qcar_twin.recordings.first_dataset.place import placed
 from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -123,22 +124,18 @@ def _dataset(log: Log, folder: Path, like: Path | None) -> DataSet:
   if log.place.is_dir() and (log.place / FILE_NAME).is_file():
     return load_to_check(log.place)
   place = folder / (log.place.stem or "log")
-  read = with_rows(placed(place, [log.place, *log.parts]))
-  drives = joined([table for _, table in read])
-  place.mkdir()
-  if drives.made:
-    write_text(place / drives.made[0].label, as_csv(drives.made[0]))
-  else:
-    copy_in(place, [one for one, _ in read])
-  text = propose(place.name, drives.tables).text if like is None else _like(like, drives.tables[0].label)
-  (place / FILE_NAME).write_text(text, encoding="utf-8")
+  drives = drives_of(place, placed(place, [log.place, *log.parts]))
+  drives.lay(place)
+  text = propose(place.name, drives.tables).text if like is None else _like(like, drives.tables)
+  write_text(place / FILE_NAME, text)
   return load_to_check(place)
 
 
-def _like(folder: Path, file: str) -> str:
-  """Another data set's dataset.toml with one recording, of this file."""
+def _like(folder: Path, tables: Sequence[Table]) -> str:
+  """Another data set's dataset.toml with the recordings of these files."""
   head = (folder / FILE_NAME).read_text(encoding="utf-8").partition("[[recording]]")[0]
-  return f'{head}\n[[recording]]\nfile = {json.dumps(file)}\nrole = "identify"\n'
+  recordings = [f'[[recording]]\nfile = {json.dumps(table.label)}\nrole = "identify"\n' for table in tables]
+  return "\n".join([head, *recordings])
 
 
 def _checked(check: LogCheck) -> dict[str, Any]:

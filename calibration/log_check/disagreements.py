@@ -33,6 +33,9 @@ _ZEROS = {
 }
 # s, after which cars answer their steering: 0.02 (data/sample) to 0.19 (cpm_ucar), in `comparisons` of check.json
 _ANSWERS = 0.1
+# s, from which a speed is late against an accelerometer: in 39 sound logs of three other people's simulators in which
+# the two are as much alike as TIED has it, it is 0.054 at most (by hand, docs/results/logs.md); a GPS receiver has 0.16
+_FELT_LATE = 0.1
 _LOUD = 3.0  # times the compared sensor's noise that a motion must be for the two to be alike
 
 
@@ -260,10 +263,13 @@ def _off_scale(c: Comparison) -> list[Finding]:
 def lag_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Finding]:
   """Lags between sensors that geometry ties: one of the pose where all others are early against it, else of each.
 
-  Wheels slip as the tyres push, which makes them look early; a gyro does not, so it says how late the pose is.
+  Wheels slip as the tyres push, which makes them look early; a gyro does not, so it says how late the pose is. Where
+  none is told, an accelerometer says what is far too late for its sensor.
   """
   timed = {c.motion.name: c for c in comparisons if c.motion.kinematic and scaled(c) and not apart(c, wheelbase)}
   off = {name: c for name, c in timed.items() if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD}
+  if not off and (late := _felt_late(comparisons)) is not None:
+    return [late]
   turning, driving = off.get("turning"), off.get("driving")
   if turning is None or driving is None or turning.lag.value * driving.lag.value < 0.0:
     return [_lag(c, 0.0 if name == "driving" and "turning" in timed else None) for name, c in off.items()]
@@ -272,6 +278,21 @@ def lag_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Fi
   if both and not (between.beyond(0.0) and abs(between.value) > _PERIOD):
     return both
   return [*(both or [_lag(turning, None)]), _lag(dataclasses.replace(driving, lag=between), turning.lag.value)]
+
+
+def _felt_late(comparisons: Sequence[Comparison]) -> Finding | None:
+  """A speed that changes long after, or before, the accelerometer feels it, and what comes with that speed."""
+  felt = next((c for c in comparisons if c.motion.name == "speeding up and slowing down"), None)
+  if felt is None or not (abs(felt.lag.value) > _FELT_LATE and felt.lag.beyond(0.0) and felt.correlation > TIED):
+    return None
+  with_it = [name for c in comparisons if c.motion.name == "driving" for name in c.motion.reference]
+  sensors = [*felt.motion.compared] if felt.lag.value > 0.0 else [*felt.motion.reference, *with_it]
+  other = felt.motion.reference if felt.lag.value > 0.0 else felt.motion.compared
+  said = (
+    f"{_list(sensors)} {'is' if len(sensors) == 1 else 'are'} {abs(felt.lag.value):.2f} ± {felt.lag.std:.2f} s late"
+  )
+  cure = f"set late = {abs(felt.lag.value):.3f} on {'it' if len(sensors) == 1 else 'each of them'} in [channels]"
+  return Finding("beware", (*sensors, *other), f"{said} against {_list(other)}: {cure}, or record both with one clock")
 
 
 def _together(turning: Comparison, driving: Comparison) -> Finding:

@@ -10,7 +10,7 @@ from calibration.log_check.causes import ALIKE, FACTOR
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.pairs import Comparison, jackknife_std
 from qcar_twin.recordings.completed import heading_or_course
-from qcar_twin.recordings.first_dataset.columns import correlation
+from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
 

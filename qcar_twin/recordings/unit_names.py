@@ -10,7 +10,7 @@ _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _EAST = re.compile(r"([\u3041-\u30ff\u3400-\u9fff\uac00-\ud7a3]+)")  # kana, ideographs and hangul
 # of its driver's topics: what a VESC measures, and is set to, in electrical revolutions a minute
-_VESC_SPEEDS = ({"sensors", "core", "speed"}, {"commands", "motor", "speed"})
+_VESC_SPEEDS = ({"sensors", "core", "speed"}, {"vesc", "state", "speed"}, {"commands", "motor", "speed"})
 # the ends of names that an ODrive's axes have for what they measure and are set to, of firmware 0.5 and later (its API
 # reference, "ODrive.Axis", "ODrive.Controller" and "ODrive.Motor"); before it counts of the encoder stood for turns
 _ODRIVE: dict[tuple[str, ...], str] = {

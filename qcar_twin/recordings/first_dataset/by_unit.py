@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.battery import settle_battery
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_pulse, scale
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_pulse, scale
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.speeds import follows
 from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
 
@@ -37,6 +39,7 @@ def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
   _accelerations(columns, guesses)
   _steering(columns, guesses)
   _pulses(columns, guesses)
+  _beside_the_steering(columns, guesses)
 
 
 def _only_ones(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -87,6 +90,28 @@ def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
     best, alike_best = _followed(columns, guesses, names)
     if alike_best > _FOLLOWS:
       _add(columns, guesses, "motor_duty", best, f"pulses that the speed follows ({alike_best:.2f})")
+
+
+def _beside_the_steering(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """What the speed follows in a message that holds the steering's command and no sensor, and that stays within 1, is
+  the drive's command, a share of full throttle, whatever it is called."""
+  steering = guesses.get("steering_command")
+  message = _message(steering.column) if steering is not None else ""
+  sensors = {_message(guess.column) for name, guess in guesses.items() if CHANNELS[name].kind == "sensor"}
+  if not message or message in sensors or guesses.keys() & set(DRIVE_COMMANDS):
+    return
+  names = [name for name in _free(columns, guesses) if _message(name) == message and columns.top(name) <= 1.0]
+  best, alike = _followed(columns, guesses, names)
+  if alike > _FOLLOWS:
+    why = (
+      f"it lies beside the steering in a message of commands, stays within 1, and the speed follows it ({alike:.2f})"
+    )
+    _add(columns, guesses, "motor_duty", best, why)
+
+
+def _message(name: str) -> str:
+  """What a name has before its last part: `control_input` of `control_input.steer`."""
+  return re.split(r"[./](?=[^./]*$)", name)[0] if re.search(r"[./]", name) else ""
 
 
 def like_drive(columns: Columns, guesses: dict[str, Guess]) -> str:

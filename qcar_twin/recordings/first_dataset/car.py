@@ -35,7 +35,7 @@ class Car:
     vehicle: of the kind whose command was logged, with its usual numbers.
     known: what its topics say, of a car that is known by them.
     drive, why_drive: kind of the drive, and the reason for it.
-    said: wheelbase [m] and mass [kg] where a person said them.
+    said: wheelbase and wheel radius [m], mass [kg] and gear ratio where a person said them.
     turns_like: the wheelbase that the log turns like, m.
     gearing: the gear ratio at the vehicle's wheel radius, where measured speeds tell it.
   """
@@ -54,7 +54,7 @@ class Car:
 
   @property
   def _given(self) -> dict[str, float]:
-    return {"mass": self.said["mass"]} if "mass" in self.said else {}
+    return {key: self.said[key] for key in self.said if key in SIZES}
 
   @property
   def _ends(self) -> dict[str, float]:
@@ -67,7 +67,8 @@ class Car:
     log turns like; of a car that is known by its topics, its usual numbers."""
     usual = {key: getattr(self.vehicle, key) for key in POWERS}
     sizes = {key: getattr(self.vehicle, key) for key in SIZES}
-    sizes |= estimates(self._ends | self._given, usual) | self._ends | self._given
+    measured = self._ends | {key: self._given[key] for key in self._given if key in POWERS}
+    sizes |= estimates(measured, usual) | self._ends | self._given
     if self.gearing is not None:
       sizes["gear_ratio"] = self.gearing * self.vehicle.wheel_radius / sizes["wheel_radius"]
     return sizes

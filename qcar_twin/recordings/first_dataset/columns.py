@@ -1,7 +1,7 @@
 """Which column of some logs is which channel, in which unit: by its name first, then by what its values can be."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.clock_units import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.first_dataset.names import Reading, readings
+from qcar_twin.recordings.first_dataset.scales.series import behind, usual_run
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.axles import of_wheels
 from qcar_twin.recordings.formats.composed import parts_of_others
@@ -21,7 +22,9 @@ Array = NDArray[np.float64]
 
 _NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's lock, is a share of full lock
 _LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
-_LEAST = 10  # runs, or repeated stamps, from which a habit of the log is read
+_CLOCK_UNITS = {"us", "µs", "ms", "millis", "micros"}  # that are a counter's name, which may begin again
+_COUNTED = 2.0  # of a name's score: more than a second word that fits
+_LEAST = 10  # repeated stamps, from which a habit of the log is read
 _TICKS = 0.05  # share of rows in which a clock that a slower publisher holds has moved on
 _LATE_ROWS = 0.01  # share of rows that a logger of several threads writes out of order
 _USED = 0.02  # of full duty, which no car is driven with at most: so little is no per cent
@@ -117,7 +120,8 @@ class Columns:
 
   def mostly_forward(self, name: str) -> bool:
     """Whether a clock goes back in a few rows of a log at most."""
-    steps = [np.diff(table.number(name, name)) for table in self.tables]
+    values = [table.number(name, name) for table in self.holding(name)]
+    steps = [np.diff(each[np.isfinite(each)]) for each in values]
     return all(np.sum(step < 0.0) <= _LATE_ROWS * step.size for step in steps)
 
   def counts(self, name: str) -> bool:
@@ -142,28 +146,15 @@ class Columns:
     return float(np.percentile(np.abs(self.values(name)), 99.9))
 
 
-def behind(steps: Array) -> int:
-  """Rows of a clock with these steps, (k - 1,), that are behind one before them: after a restart nearly all."""
-  passed = np.r_[0.0, np.cumsum(steps)]
-  return int(np.sum(passed < np.maximum.accumulate(passed)))
-
-
-def correlation(a: Array, b: Array, least: int = 2) -> float:
-  """Of the pairs that are both known, (k,) each; 0 where those are fewer than `least`, or one of them is constant."""
-  both = np.isfinite(a) & np.isfinite(b)
-  if both.sum() < least or a[both].std() == 0.0 or b[both].std() == 0.0:
-    return 0.0
-  return float(np.corrcoef(a[both], b[both])[0, 1])
-
-
 def guess_columns(columns: Columns) -> dict[str, Guess]:
   """Guesses by channel, each column once: names first, best fit first; then units by name and by value."""
   offers = []
   for place, name in enumerate(columns.names):
     everywhere = 0.5 * (len(columns.holding(name)) == len(columns.tables))
     for reading in (*_of_a_message(columns, name), *readings(name)):
-      if _possible(columns, name, reading.channel):
-        offers.append((reading.score + everywhere - stepped(columns, name, reading.channel), -place, reading, name))
+      if possible(columns, name, reading.channel):
+        against = stepped(columns, name, reading.channel) + _too_fast(columns, name, reading.channel)
+        offers.append((reading.score + everywhere - against, -place, reading, name))
   guesses: dict[str, Guess] = {}
   for _, _, reading, name in sorted(offers, key=lambda offer: offer[:2], reverse=True):
     if reading.channel not in guesses and name not in {guess.column for guess in guesses.values()}:
@@ -188,12 +179,13 @@ def _of_a_message(columns: Columns, name: str) -> list[Reading]:
 def _clock(columns: Columns) -> Guess | None:
   """A clock whose name says time and that some rows were written late in, or whose steps it has; else one that rises,
   whatever it is called, but no numbers of the rows: what counts them by ones says a unit of time where it is one."""
-  named = [name for name in columns.names if any(reading.channel == "time" for reading in readings(name))]
+  clock = lambda name: any(reading.channel == "time" for reading in readings(name)) or name.lower() in _CLOCK_UNITS
+  named = [name for name in columns.names if clock(name)]
   for name in named:
     if columns.rises(name, _LATE_ROWS):
       late = sum(behind(np.diff(table.number(name, name))) for table in columns.tables)
-      why = [f"its name says time; {late} of {columns.values(name).size} rows are out of order"]
-      return Guess("time", name, sort=True, why=why)
+      rows = f"; {late} of {columns.values(name).size} rows are out of order" if late else ""
+      return Guess("time", name, sort=late > 0, why=[f"its name says time{rows}"])
   for name in named:
     if columns.rises(name, 1.0) and columns.mostly_forward(name):
       return Guess("time", name, why=["its name says time; it goes back where a logger began again"])
@@ -210,13 +202,24 @@ def stepped(columns: Columns, name: str, channel: str) -> float:
   """What a column loses as a speed where it stays for long and steps: that is what was commanded, not what was done."""
   if channel not in ("speed", "motor_speed"):
     return 0.0
-  stays = _usual_run([table.number(name, name) for table in columns.holding(name)], _FEW_STEPS)
+  stays = usual_run([table.number(name, name) for table in columns.holding(name)], _FEW_STEPS)
   return 0.1 if stays >= _COMMANDED else 0.0
 
 
-def _possible(columns: Columns, name: str, channel: str) -> bool:
-  """Whether the values do not forbid it: a clock rises, a channel changes."""
-  return columns.rises(name) if channel == "time" else not columns.constant(name)
+def _too_fast(columns: Columns, name: str, channel: str) -> float:
+  """What a column loses as a speed where no usual unit makes it one of a car: counts a second of an encoder, say."""
+  if channel != "speed" or unit_of(name) is not None:
+    return 0.0
+  least = min(factor for _, factor in CHANNELS[channel].log_units)
+  return _COUNTED if least * columns.top(name) > CHANNELS[channel].limit else 0.0
+
+
+def possible(columns: Columns, name: str, channel: str) -> bool:
+  """Whether the values do not forbid it: a clock rises, a channel changes and is no clock by its name that goes on."""
+  if channel == "time":
+    return columns.rises(name)
+  clock = any(reading.channel == "time" for reading in readings(name))
+  return not columns.constant(name) and not (clock and columns.mostly_forward(name))
 
 
 def scale(columns: Columns, guess: Guess) -> None:
@@ -301,7 +304,7 @@ def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:
       guess.hold = True
       guess.why.append("it never changes while the time stamp repeats")
     elif not repeats and CHANNELS[guess.channel].kind == "sensor":
-      stays = _usual_run([table.number(guess.column, guess.column) for table in columns.holding(guess.column)])
+      stays = usual_run([table.number(guess.column, guess.column) for table in columns.holding(guess.column)])
       if stays >= _HELD:
         guess.hold = True
         guess.why.append(f"a value usually stays for {stays:.0f} rows")
@@ -313,17 +316,6 @@ def _repeated(table: Table, clock: str, column: str) -> NDArray[np.bool_]:
   values = table.number(column, column)
   both = (np.diff(table.number(clock, "time")) == 0.0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
   return values[1:][both] != values[:-1][both]
-
-
-def _usual_run(columns: Iterable[Array], least: int = _LEAST) -> float:
-  """Rows for which one value stays, median over the runs that begin and end within a log; 1 where there are few."""
-  lengths = []
-  for values in columns:
-    there = values[np.isfinite(values)]
-    starts = np.flatnonzero(np.r_[True, there[1:] != there[:-1]])
-    lengths.append(np.diff(starts)[1:])
-  runs = np.concatenate(lengths) if lengths else np.empty(0)
-  return float(np.median(runs)) if runs.size >= least else 1.0
 
 
 def gate(columns: Columns, guesses: Mapping[str, Guess]) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.recording import Recording
@@ -29,9 +30,10 @@ _STRAIGHT = 0.05  # rad in a bin: points ahead of the axle or behind it go sidew
 _CONTRARY = -0.85  # correlation of a gyro that turns the other way
 
 
-def courses(recordings: Sequence[Recording]) -> tuple[Array, Array]:
-  """Course [rad] and the logged heading [its unit] in bins in which the car moved, (k,) each."""
-  parts = [np.empty((2, 0))]
+def courses(recordings: Sequence[Recording]) -> tuple[Array, Array, Array]:
+  """Course [rad], the logged heading [its unit] and which way the car was driven, 1 or -1 by its speed, else by the
+  drive's command, 0 where neither tells; in bins in which the car moved, (k,) each."""
+  parts = [np.empty((3, 0))]
   for recording in recordings:
     if not {"pose_x", "pose_y", "pose_yaw"} <= set(recording.channels):
       continue
@@ -40,21 +42,32 @@ def courses(recordings: Sequence[Recording]) -> tuple[Array, Array]:
     way, yaw = np.hypot(x, y), recording["pose_yaw"]
     nearest = np.clip(np.searchsorted(yaw.time, edges[:-1] + 0.5 * _BIN), 0, len(yaw) - 1)
     far = way > _MOVING * np.nanpercentile(way, 90.0) if np.isfinite(way).any() else np.zeros(len(way), dtype=bool)
-    parts.append(np.stack([np.arctan2(y, x), yaw.value[nearest]])[:, far])
-  course, heading = np.concatenate(parts, axis=1)
-  return course, heading
+    parts.append(np.stack([np.arctan2(y, x), yaw.value[nearest], _driven(recording, edges)])[:, far])
+  course, heading, way = np.concatenate(parts, axis=1)
+  return course, heading, way
+
+
+def _driven(recording: Recording, edges: Array) -> Array:
+  """1 where the car is driven forwards, -1 backwards, 0 unknown, in the bins between edges."""
+  names = ("speed", "motor_speed", *DRIVE_COMMANDS)
+  name = next((n for n in names if n in recording and n not in recording.derived), None)
+  middles = edges[:-1] + 0.5 * _BIN
+  if name is None:
+    return np.zeros(middles.size)
+  value = recording[name].at(middles) if CHANNELS[name].is_command else recording[name].interpolate(middles)
+  return np.where(np.isfinite(value), np.sign(value), 0.0)
 
 
 def goes_with(recordings: Sequence[Recording]) -> bool:
   """Whether the heading, as it is read, goes with the path."""
-  return abs(_mean(*courses(recordings))) > _TOGETHER
+  return abs(_mean(*courses(recordings)[:2])) > _TOGETHER
 
 
 def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bool = False) -> None:
   """The reading of a heading that goes with the path much better than the present one; a compass's only where a gyro,
   too, turns the other way, since a place of exchanged axes looks the same, or where the place is east and north, or the
   heading's own name says so (`geographic`)."""
-  course, heading = courses(recordings)
+  course, heading, way = courses(recordings)
   opposed = contrary(recordings)
   if len(course) < _LEAST:
     if geographic and opposed:
@@ -66,7 +79,7 @@ def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bo
   means = {sign * unit: _mean(course, sign * unit * heading) for unit in units for sign in signs}
   factor = max(means, key=lambda f: abs(means[f]))
   if abs(means[factor]) < _TOGETHER or 1.0 - abs(means[factor]) > _BETTER * (1.0 - now):
-    _turn(guess, course, heading)
+    _turn(guess, course, heading, way)
     return
   turned = 0.5 * cmath.phase(means[factor])
   if factor < 0.0 and abs(abs(turned) - 0.5 * math.pi) > _SQUARE:
@@ -108,15 +121,24 @@ def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
     heading.scale *= math.pi / 180.0
 
 
-def _turn(guess: Guess, course: Array, heading: Array) -> None:
+def _turn(guess: Guess, course: Array, heading: Array, way: Array) -> None:
   """Turn a heading, rad, that goes with the path at an angle to it, as a compass' or a marker's that was put on askew.
-  A quarter of a turn has no side, and half a turn none at all: these are left."""
+  By the path alone a quarter of a turn has no side, and half a turn none at all: a quarter's is that on which the car
+  goes forwards while it is driven forwards, and half a turn is left."""
   straight = np.abs(np.angle(np.exp(1j * np.diff(heading, prepend=heading[0] + np.pi)))) < _STRAIGHT
   mean = _mean(course[straight], heading[straight])
   by = 0.5 * cmath.phase(mean)
-  if abs(mean) > _TOGETHER and _OFF < abs(by) < 0.5 * math.pi - _SQUARE:
-    guess.offset += by
-    guess.why.append(f"turned by {by:.2f} rad: the car goes straight on at that angle to it")
+  if abs(mean) < _TOGETHER or abs(by) < _OFF:
+    return
+  if abs(by) > 0.5 * math.pi - _SQUARE:
+    told = straight & (way != 0.0)
+    side = np.sum(way[told] * np.cos(course[told] - heading[told] - by))
+    if abs(side) < _TOGETHER * np.count_nonzero(told) or np.count_nonzero(told) < _LEAST:
+      return
+    by += math.pi * (side < 0.0)
+  by = math.remainder(by, math.tau)
+  guess.offset += by
+  guess.why.append(f"turned by {by:.2f} rad: the car goes straight on at that angle to it")
 
 
 def _mean(course: Array, heading: Array) -> complex:

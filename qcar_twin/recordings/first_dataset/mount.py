@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS, GRAVITY
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
 from qcar_twin.recordings.first_dataset.heading import contrary, goes_with
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import UNITS, unit_of, words_of
 

@@ -16,6 +16,8 @@ _PLACES = (
 
 # words that make a column a channel: all of the terms, each in one of its spellings, `command` in any of COMMANDED;
 # after "!" words that forbid it
+# what a message about the throttle has besides it
+_MEASURED = "|speed|spd|velocity|vel|rpm|erpm|acceleration|accel|acc|voltage|volt|volts|current|amps|temp|temperature"
 _RULES: dict[str, tuple[str, ...]] = {
   "time": (
     "ms today",
@@ -29,8 +31,8 @@ _RULES: dict[str, tuple[str, ...]] = {
     "motor|mot u !measured",
   ),
   "motor_duty": (
-    "duty|pwm|throttle|gas|thr !steering|steer|servo|servos",
-    "duty|pwm|throttle|gas|thr command !steering|steer|servo|servos",  # a drive's telemetry has a duty, too
+    f"duty|pwm|throttle|gas|thr !steering|steer|servo|servos{_MEASURED}",
+    f"duty|pwm|throttle|gas|thr command !steering|steer|servo|servos{_MEASURED}",  # a drive's telemetry has a duty, too
     "actuator|actuators motor|motors",
     "motor|mot|engine command !steering|steer|servo|servos|angle|speed|spd|velocity|vel|rpm|erpm|rps|omega|w|rad"
     "|voltage|volt|volts|v|u|current|amps|a|i|iq|torque|force|acceleration|accel|acc|position|pos|ticks|temp"
@@ -62,11 +64,12 @@ _RULES: dict[str, tuple[str, ...]] = {
     "e rpm !command",
     "erpm !command",
     "sensors core speed",
+    "vesc state speed",
     "axis|odrive|odrv vel estimate",
   ),
   "speed": (
     "speed|spd|velocity|vel|vels|v !angular|yaw|gyro|motor|command|steering|y|z|lateral",
-    "v enc|encoder|meas|measured|actual|act|odom|odo|wheel !y|z|command",
+    "v enc|encoder|meas|measured|actual|act|odom|odo|wheel|rl|rr|hl|hr|fl|fr|vl|vr !y|z|command",
     "v long|longitudinal|lon !command",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "v ego",
@@ -85,14 +88,15 @@ _RULES: dict[str, tuple[str, ...]] = {
     "ay|accy|accely !angular",
   ),
   "yaw_rate": (
-    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !command",
+    "yaw|heading|psi|turn rate|dot|punkt|speed|velocity|vel !command",
+    "psi p",
     "gyro|gyroscope|gyr|angular|ang|omega|w z|yaw"
     " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command",
     "imu z !accel|acc|acl|acceleration|accelerometer|linear|mag|orientation|q|quat|quaternion|position|pos",
     "rate rotation z",
     "angular speed|velocity|vel|rate !x|y|motor|wheel|command",
     "gyro|gyroscope !x|y",
-    "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
+    "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|psip|psipunkt|yawdot|r",
     "w psi|yaw !command",
     "omega !motor|wheel|shaft|left|right|x|y|command",
     "w imu|gyro",
@@ -110,7 +114,8 @@ _RULES: dict[str, tuple[str, ...]] = {
     "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": (
-    "yaw|heading|theta|psi|phi|orientation|compass|azimuth|bearing !rate|dot|vel|velocity|speed|gyro|x|z|w|command",
+    "yaw|heading|theta|psi|phi|orientation|compass|azimuth|bearing"
+    " !rate|dot|punkt|p|vel|velocity|speed|gyro|x|z|w|command",
     "rz !rate|vel|velocity|speed",
   ),
   "pose_score": ("score|confidence|quality",),

@@ -13,15 +13,16 @@ from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
 from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MANY, MOTION, is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
+from qcar_twin.recordings.formats.folder import is_bag
 from qcar_twin.recordings.formats.table import NoSamples, SeveralRecordings, Table
 from qcar_twin.recordings.formats.text import READERS as TEXTS
 from qcar_twin.recordings.formats.text.dialect import holds_samples
 from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE
+from qcar_twin.recordings.formats.text.keyed import names_its_values
 from qcar_twin.recordings.formats.text.tagged import holds_messages
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
-_BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
 _LISTED = 3  # files that are named
 _LATER = re.compile(r"\[[1-9]\d*\]$")
 _CHANNELS = 2  # columns that are channels by their names, of a log whose clock was not logged
@@ -58,7 +59,7 @@ def logs_of(paths: Sequence[Path], home: Path | None = None) -> list[Path]:
     if not path.exists():
       raise RecordingError(f"{path}: no such file or folder")
     at_home = home is not None and path.resolve() == home.resolve()
-    if path.is_file() or (path / _BAG).is_file() or (not at_home and is_one_recording(path)):
+    if path.is_file() or is_bag(path) or (not at_home and is_one_recording(path)):
       logs.append(path)
     else:
       logs += _below(path)
@@ -67,8 +68,8 @@ def logs_of(paths: Sequence[Path], home: Path | None = None) -> list[Path]:
 
 def _below(folder: Path) -> list[Path]:
   known = set(readers())
-  bags = {path.parent for path in folder.rglob(_BAG)}
-  bags |= {path for path in folder.rglob("*") if path.is_dir() and path not in bags and is_one_recording(path)}
+  folders = [path for path in folder.rglob("*") if path.is_dir()]
+  bags = {path for path in folders if is_bag(path) or is_one_recording(path)}
   shown = lambda path: not any(part.startswith(".") for part in path.relative_to(folder).parts)
   files = [path for path in folder.rglob("*") if path.is_file() and not bags & set(path.parents) and shown(path)]
   seen = [path for path in files if path.suffix.lower() in known and not _is_note(path)]
@@ -90,7 +91,7 @@ def _is_note(path: Path) -> bool:
   clock and hardly one a channel. A table that cannot be read is none, so that whoever reads it says why."""
   if path.suffix.lower() not in _MAY_BE_NOTES:
     return False
-  if not holds_messages(path) and not holds_samples(path):
+  if not (holds_messages(path) or names_its_values(path) or holds_samples(path)):
     return True
   try:
     guesses = guess_columns(Columns((read_table(path),)))

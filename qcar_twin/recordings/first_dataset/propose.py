@@ -30,12 +30,15 @@ from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
 from qcar_twin.recordings.first_dataset.unused import said_of
 from qcar_twin.recordings.formats import Table
+from qcar_twin.recordings.formats.axles import of_wheels
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
 from qcar_twin.recordings.unit_names import is_electrical
 from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.vehicle import Vehicle
 
+# what a person may say of the car: wheelbase and wheel radius in m, mass in kg, turns of a wheel per turn of the motor
+SAID = ("wheelbase", "mass", "wheel_radius", "gear_ratio")
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _LISTED = 60  # columns at most
 
@@ -59,32 +62,30 @@ class Proposal:
   questions: tuple[str, ...] = ()
 
 
-def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, mass: float | None = None) -> Proposal:
+def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
   """A first dataset.toml for logs; `Table.label` is the file's name in the folder. Where every clock is a date's they
   are listed in the order they were driven, else as they are given.
 
   Args:
-    wheelbase, mass: of the car, m and kg, where a person says them; the log's turning and the wheelbase tell else.
+    said: of SAID, in m, kg and turns of a wheel per turn of the motor, where a person says them; the log's motion
+      and the wheelbase tell else.
 
   Raises:
-    RecordingError: there are no logs, or no car can have this wheelbase or mass.
+    RecordingError: there are no logs, or no car can have these figures.
   """
   if not tables:
     raise RecordingError("no log was given; name at least one file")
-  said = {key: value for key, value in (("wheelbase", wheelbase), ("mass", mass)) if value is not None}
-  if wrong := [key for key, value in said.items() if not 0.0 < value < math.inf]:
-    raise RecordingError(f"{wrong[0]} must be a positive number, not {said[wrong[0]]:g}")
-  if {"wheelbase", "mass"} <= said.keys():
-    ends = dict.fromkeys(("cg_to_front", "cg_to_rear"), 0.5 * said["wheelbase"])
-    check_car(ends | {"mass": said["mass"]}, "what was said of the car:")
+  _check_said(said)
   topics, columns = _fitting_map(tables), Columns(tables)
   known: Mapping[str, float | str] = topics.vehicle if topics else {}
   guesses = _mapped(topics, tables) if topics is not None else _named(columns)
   kind, why = _drive(guesses)
   kind = str(known.get("drive", kind))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
+  wheelbase = said.get("wheelbase")
   if wheelbase is not None:
     vehicle = of_size(vehicle, wheelbase)
+  vehicle = dataclasses.replace(vehicle, **{key: said[key] for key in ("wheel_radius", "gear_ratio") if key in said})
   turns_like, asked, gearing, turned, unsure = vehicle.wheelbase, (), None, False, []
   if topics is None:
     settle_gear(columns, guesses)
@@ -97,7 +98,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
     unsure += settle_wheels(columns, guesses, vehicle) or settle_speed_unit(columns, guesses)
-    gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
+    gearing = None if "gear_ratio" in said else _gearing(columns, guesses, vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
     settle_left(columns, guesses)
@@ -112,12 +113,27 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   parts = parts if recordings and (not missing or len(recordings) == len(tables)) else _all_fitted(tables)
   questions = (*(question.text for question in asked), *unsure)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
+  questions += _electrical(guesses) if topics is None and gearing is None else ()  # else the gear ratio makes up for it
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in told_apart(parts) for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+
+
+def _gearing(columns: Columns, guesses: Mapping[str, Guess], vehicle: Vehicle) -> float | None:
+  own = "motor_speed" in guesses and not of_wheels(guesses["motor_speed"].column)
+  return usual_gearing(recordings_of(columns, guesses), vehicle, place=own)
+
+
+def _check_said(said: Mapping[str, float]) -> None:
+  if unknown := sorted(said.keys() - set(SAID)):
+    raise RecordingError(f"{unknown[0]} is not asked for; said may be {', '.join(SAID)}")
+  if wrong := [key for key, value in said.items() if not 0.0 < value < math.inf]:
+    raise RecordingError(f"{wrong[0]} must be a positive number, not {said[wrong[0]]:g}")
+  ends = dict.fromkeys(("cg_to_front", "cg_to_rear"), 0.5 * said["wheelbase"]) if "wheelbase" in said else {}
+  check_car(ends | {key: said[key] for key in said if key != "wheelbase"}, "what was said of the car:")
 
 
 def _missing(guesses: Mapping[str, Guess], tables: Sequence[Table]) -> tuple[str, ...]:
@@ -143,18 +159,18 @@ def _asked_of(
   told = lies(columns, guesses)
   right = turning_right(columns, guesses, told)
   down = None if turned or told or right else pointing_down(columns, guesses, recordings)
-  return (*_electrical(guesses), *right, *([down] if down is not None else []))
+  return (*right, *([down] if down is not None else []))
 
 
-def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
+def _electrical(guesses: Mapping[str, Guess]) -> tuple[str, ...]:
   """A question where a motor's speed is of its field: an electronic commutator's revolutions per minute."""
   guess = guesses.get("motor_speed")
   if guess is None or not is_electrical(guess.column):
-    return []
-  return [
+    return ()
+  return (
     f"'{guess.column}' counts electrical revolutions, the motor's times its pole pairs, and motor_speed is read as "
-    "of 2: has your motor 2 (4 poles)? divide the scale by what else it has, over 2"
-  ]
+    "of 2: has your motor 2 (4 poles)? divide the scale by what else it has, over 2",
+  )
 
 
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:

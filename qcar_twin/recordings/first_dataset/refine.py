@@ -11,12 +11,13 @@ from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.pushes import is_lifted
-from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Suspect, compare, of_most
+from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Bins, Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading, unwrap_heading
 from qcar_twin.recordings.first_dataset.scales.clock import in_time
 from qcar_twin.recordings.first_dataset.scales.sensor import other_axes
+from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -323,16 +324,26 @@ def _binned(recordings: Sequence[Recording], radius: float, lag: float) -> tuple
   return speeds, angles, turned
 
 
-def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle) -> float | None:
-  """The gear ratio by which a motor's speed is the one that another sensor measured, at the vehicle's wheel radius;
-  None where they are not alike, or the wheels would turn faster than the motor: they are other wheels then."""
-  pairs = [r for r in recordings if {"speed", "motor_speed"} <= set(r.channels) and "speed" not in r.derived]
-  if not pairs:
+def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle, place: bool = True) -> float | None:
+  """The gear ratio by which a motor's speed is the one that another sensor measured, or, of a motor's own sensor, the
+  `place` went with, at the vehicle's wheel radius; None where they are not alike, or the wheels would turn faster than
+  the motor: they are other wheels then."""
+  pairs = [_motor_and_car(r, place) for r in recordings if "motor_speed" in r and "motor_speed" not in r.derived]
+  if not any(pairs):
     return None
-  motor = np.concatenate([r["motor_speed"].interpolate(r["speed"].time) for r in pairs])
-  speed = np.concatenate([r["speed"].value for r in pairs])
+  motor, speed = np.concatenate([np.stack(pair) for pair in pairs if pair is not None], axis=1)
   if abs(correlation(np.abs(motor), np.abs(speed), _ALIKE_ROWS)) < _GEARED:
     return None
-  fast = np.isfinite(motor) & (np.abs(motor) > 0.5 * np.nanmax(np.abs(motor)))
+  fast = np.isfinite(motor) & np.isfinite(speed) & (np.abs(motor) > 0.5 * np.nanmax(np.abs(motor)))
   ratio = float(np.median(np.abs(speed[fast] / motor[fast])) / vehicle.wheel_radius)
   return ratio if 0.0 < ratio < 1.0 else None
+
+
+def _motor_and_car(recording: Recording, place: bool) -> tuple[Array, Array] | None:
+  """The motor's speed, rad/s, and the car's, m/s: as another sensor measured it, else by the place; None without."""
+  if "speed" in recording and "speed" not in recording.derived:
+    return recording["motor_speed"].interpolate(recording["speed"].time), recording["speed"].value
+  if not place or not {"pose_x", "pose_y"} <= set(recording.channels):
+    return None
+  bins = Bins(recording)
+  return bins.mean("motor_speed"), np.hypot(bins.change("pose_x"), bins.change("pose_y"))

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.units import compare
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, hold, possible, scale, stepped
 from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import on_three_axes
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.axles import MEAN
 from qcar_twin.recordings.unit_names import words_of
@@ -88,7 +89,7 @@ def _alternatives(columns: Columns, guesses: Mapping[str, Guess], channel: str) 
     if name not in taken
     and math.isfinite(score := _score(name, channel))
     and score >= best - _ALTERNATIVE
-    and not columns.constant(name)
+    and possible(columns, name, channel)
     and stepped(columns, name, channel) <= least
   ]
 

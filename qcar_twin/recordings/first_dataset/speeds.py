@@ -10,12 +10,13 @@ import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import against, was_commanded
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, hold, scale, stepped
 from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import ALIKE, speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.motion import fit, motion_of
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import BRACKET, is_odrive, unit_of, words_of
 

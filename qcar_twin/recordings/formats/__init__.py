@@ -19,6 +19,7 @@ from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.formats.composed import composed
 from qcar_twin.recordings.formats.folder import read_folder, tables_in
 from qcar_twin.recordings.formats.table import NoSamples, SeveralRecordings, Table
+from qcar_twin.recordings.formats.text.long import spread
 from qcar_twin.recordings.formats.unsigned import signed
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
@@ -95,7 +96,7 @@ def _read(path: Path, label: str) -> Table:
   read = _reader(path, label)
   try:
     with bounded_memory(size):
-      table = read(path, label)
+      table = spread(read(path, label))
   except SeveralRecordings:
     raise
   except RecordingError as error:  # what a library says takes several lines at times

@@ -11,9 +11,10 @@ from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import COMMANDED, words_of
 
-_REAR = (("rl", "rr"), ("lr", "rr"), ("lb", "rb"), ("bl", "br"))  # whose wheels are not steered, first
-_SIDES = (*_REAR, ("left", "right"), ("l", "r"), ("fl", "fr"), ("lf", "rf"), ("g", "d"))
-SIDES = {"fl", "fr", "rl", "rr", "lf", "rf", "lr", "lb", "rb", "bl", "br"}  # a wheel's place in a name
+_REAR = (("rl", "rr"), ("lr", "rr"), ("lb", "rb"), ("bl", "br"), ("hl", "hr"))  # whose wheels are not steered, first
+_SIDES = (*_REAR, ("left", "right"), ("l", "r"), ("fl", "fr"), ("lf", "rf"), ("vl", "vr"), ("g", "d"))
+# a wheel's place in a name; "hinten" and "vorne" are rear and front
+SIDES = {"fl", "fr", "rl", "rr", "lf", "rf", "lr", "lb", "rb", "bl", "br", "hl", "hr", "vl", "vr"}
 _SPEEDS = {"speed", "speeds", "spd", "vel", "velocity", "omega", "rpm", "rps", "wheel", "wheels", "encoder"}
 NO_SPEEDS = {  # words of a wheel's name that say it is something else
   "angle", "steering", "steer", "torque", "current", "pressure", "brake", "temp", "temperature", "slip", "position",
@@ -47,7 +48,8 @@ def of_wheels(name: str) -> bool:
 def _pair(names: Iterable[str], left: str, right: str) -> tuple[str, str] | None:
   """Two columns of wheels' speeds whose names differ by the side alone; None where there is not one pair."""
   words = {name: words_of(name) for name in names}
-  speeds = {name: w for name, w in words.items() if set(w) & _SPEEDS and not set(w) & NO_SPEEDS}
+  named = _SPEEDS | ({"v"} if {left, right} <= SIDES else set())
+  speeds = {name: w for name, w in words.items() if set(w) & named and not set(w) & NO_SPEEDS}
   swapped = lambda w: tuple(right if word == left else word for word in w)
   pairs = [
     (a, b) for a, one in speeds.items() if one.count(left) == 1 for b, other in speeds.items() if swapped(one) == other

@@ -99,14 +99,23 @@ def _vectors(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _clocked(vectors: dict[str, np.ndarray]) -> list[Clocked]:
   """Vectors of one length each with the one among them that is a clock by its name and rises; none where a length has
-  none, or several."""
+  none. Of several clocks of one length a vector goes by the one that shares a word with it, as `enc` of `t_enc` and
+  `v_enc`, else by the last that was saved before it."""
   groups = []
   for length in sorted({vector.size for vector in vectors.values()} - {1}):
     same = {name: vector for name, vector in vectors.items() if vector.size == length}
     clocks = [name for name, vector in same.items() if set(words_of(name)) & CLOCKS and (np.diff(vector) > 0.0).all()]
-    if len(clocks) != 1:
+    if not clocks:
       return []
-    groups.append(Clocked(same.pop(clocks[0]), same))
+    own: dict[str, dict[str, np.ndarray]] = {name: {} for name in clocks}
+    before = clocks[0]
+    for name, vector in same.items():
+      if name in own:
+        before = name
+        continue
+      shared = [clock for clock in clocks if set(words_of(clock)) & set(words_of(name)) - CLOCKS]
+      own[shared[0] if len(shared) == 1 else before][name] = vector
+    groups += [Clocked(same[clock], columns) for clock, columns in own.items()]
   return groups
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +17,30 @@ from qcar_twin.recordings.unit_names import unit_of, words_of
 from qcar_twin.untrusted import inside
 
 _TABLES = (".csv", ".tsv", ".parquet")  # what topics are exported to; text files beside them are notes
-_BAG_PARTS = ("metadata.yaml", ".db3", ".mcap")  # the names, or their ends, that make a folder a bag
+_BAG, _STORED = "metadata.yaml", {".db3", ".mcap"}  # what describes a ROS 2 bag, and among the suffixes of its data
 _CLOCKS = {
   "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock", "t", "sec", "secs", "seconds",
   "millis", "micros",
 }  # fmt: skip
 _NANOSECONDS = {"nanosec", "nanosecs", "nsec", "nsecs"}  # of a stamp, whose seconds are a column of their own
 _HEADER = {"header", "stamp"}  # of a message, which says when it was measured; other clocks say when it was received
+_ALIKE = 30.0  # times another clock's readings, up to which two are of one unit: usual ones are a thousand apart
 _LATE = 0.01  # share of rows that a logger of several threads writes out of order
+
+
+def is_bag(folder: Path) -> bool:
+  """Whether a folder is a ROS 2 bag, which its description alone, beside tables exported from it, does not make it."""
+  stored = any(_STORED & set(path.suffixes) for path in folder.iterdir())
+  return stored or ((folder / _BAG).is_file() and not _tables(folder))
 
 
 def tables_in(folder: Path) -> list[Path]:
   """The tables directly in a folder by name; none where it is a bag, or where a link leads elsewhere."""
+  return [] if is_bag(folder) else _tables(folder)
+
+
+def _tables(folder: Path) -> list[Path]:
   files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
-  if any(path.name.endswith(_BAG_PARTS) for path in files):
-    return []
   return [path for path in files if path.suffix.lower() in _TABLES]
 
 
@@ -47,7 +57,7 @@ def read_folder(path: Path, label: str, read: Callable[[Path, str], Table]) -> T
   """
   files = tables_in(path)
   stems = [file.stem for file in files]
-  topics, spans, notes, said = [], {}, [], {}
+  parts, topics, spans, notes, said = [], [], {}, [], {}
   for file in files:
     try:
       part = read(inside(path, file.name), f"{label}/{file.name}")
@@ -57,9 +67,12 @@ def read_folder(path: Path, label: str, read: Callable[[Path, str], Table]) -> T
     if clock is None:
       notes.append(f"{part.label}: has no column that is a clock by its name; left out of {label}")
       continue
-    topics.append(_topic(part, *clock, file.name if stems.count(file.stem) > 1 else file.stem, said))
-    spans[part.label] = (float(topics[-1].time[0]), float(topics[-1].time[-1]))
+    parts.append((part, file.name if stems.count(file.stem) > 1 else file.stem, *clock))
     notes += part.notes
+  times = _in_one_unit([(name, composed(part).columns[name], time) for part, _, name, time in parts])
+  for (part, topic, name, _), time in zip(parts, times, strict=True):
+    topics.append(_topic(part, name, time, topic, said))
+    spans[part.label] = (float(topics[-1].time[0]), float(topics[-1].time[-1]))
   if not topics:
     raise RecordingError(
       f"{label}: no table in this folder has a clock by its name; name the column of stamps `time`, in s, in each"
@@ -74,9 +87,7 @@ def stamps_of(table: Table) -> tuple[str, np.ndarray] | None:
   """The column that says when each row was, and its values in s; None where no column is a clock by its name. Of
   several clocks that of a message's header counts, else the first."""
   table = composed(table)
-  none = {*parts_of_others(table.columns), *table.ambiguous}
-  named = [name for name in table.columns if set(words_of(name)) & _CLOCKS and name not in none]
-  for name in sorted(named, key=lambda each: not set(words_of(each)) >= _HEADER):
+  for name in clocks_of(table):
     values = table.columns[name]
     if values.dtype == object or not values.size or not np.isfinite(values).all():
       continue
@@ -85,6 +96,13 @@ def stamps_of(table: Table) -> tuple[str, np.ndarray] | None:
       continue
     return name, _scale(name, values) * values
   return None
+
+
+def clocks_of(table: Table) -> list[str]:
+  """Columns that are clocks by their names, a message's header's first."""
+  none = {*parts_of_others(table.columns), *table.ambiguous}
+  named = [name for name in table.columns if set(words_of(name)) & _CLOCKS and name not in none]
+  return sorted(named, key=lambda each: not set(words_of(each)) >= _HEADER)
 
 
 def _topic(table: Table, clock: str, time: np.ndarray, name: str, said: dict[str, np.ndarray]) -> Clocked:
@@ -96,6 +114,26 @@ def _topic(table: Table, clock: str, time: np.ndarray, name: str, said: dict[str
   said |= {f"{name}.{key}": time[rows] for key, rows in table.not_a_number.items() if key in numbers and rows.size}
   order = np.argsort(time, kind="stable")
   return Clocked(time[order], {f"{name}.{key}": values[order] for key, values in numbers.items()})
+
+
+def _in_one_unit(clocks: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+  """Each clock in s. A topic of few samples has steps that fit a smaller unit: where its readings are as large as those
+  of the clock of its name with the shortest steps, they are in that one's unit.
+
+  Args:
+    clocks: of each topic the name, the readings (k,), and these in s by themselves.
+  """
+  step = lambda readings: float(np.median(np.diff(readings))) if readings.size > 1 else math.inf
+  times = []
+  for name, readings, time in clocks:
+    _, finest, seconds = min((clock for clock in clocks if clock[0] == name), key=lambda clock: step(clock[1]))
+    largest = int(np.abs(readings).argmax()), int(np.abs(finest).argmax())
+    sizes = [float(abs(readings[largest[0]])), float(abs(finest[largest[1]]))]
+    if min(sizes) > 0.0 and max(sizes) < _ALIKE * min(sizes):
+      own, unit = abs(time[largest[0]]) / sizes[0], abs(seconds[largest[1]]) / sizes[1]
+      time = time if math.isclose(own, unit, rel_tol=1e-6) else unit * readings
+    times.append(time)
+  return times
 
 
 def _scale(name: str, values: np.ndarray) -> float:

@@ -43,6 +43,20 @@ def test_a_gyro_that_is_late_is_said_alone_with_its_lag_and_the_cure_mends_it():
   assert not any("late" in f.text for f in (*mended.of("spoils"), *mended.of("beware")))
 
 
+@pytest.mark.parametrize("late", [0.3, 0.0])
+def test_a_speed_that_is_late_against_the_accelerometer_is_said_where_no_pose_tells(late):
+  bare = [
+    r.replace(streams={n: s for n, s in r.streams.items() if not n.startswith("pose")})
+    for r in drives(channel="motor_speed", late=late)
+  ]
+  said = [f.text for f in check_log(lab(bare)).of("beware") if "set late" in f.text]
+  assert len(said) == (late > 0.0)
+  if said:
+    assert said[0].startswith("motor_speed is 0.3") and "against accel_x: set late = 0.3" in said[0]
+    mended = check_log(lab([changed(r, "motor_speed", late=-late) for r in bare]))
+    assert not any("set late" in f.text for f in mended.of("beware"))
+
+
 @pytest.mark.parametrize("signed", [True, False])
 def test_a_motor_speed_and_a_speed_that_no_gearing_makes_one_are_said(signed):
   """Without a pose nothing but the other speed tells that the gear ratio is another car's."""

@@ -13,6 +13,7 @@ from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.parts.motion import Fit, Motion, fit, motion_of
 from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MOTION, is_clock
+from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.formats.table import Clocked, Table
 from qcar_twin.recordings.recording import RecordingError
 
@@ -61,6 +62,7 @@ def part_of(table: Table, columns: Columns | None = None) -> Part:
   columns = Columns((table,)) if columns is None else columns
   guesses = guess_columns(columns)
   guess_by_unit(columns, guesses)
+  settle_plane(columns, guesses)
   known = lambda channels: not guesses.keys().isdisjoint(channels)
   return Part(table.label, columns, guesses, known(COMMANDS), known(MOTION))
 

@@ -73,6 +73,9 @@ def _matrix(name: str, value: np.ndarray) -> Group:
 
 
 def _structure(name: str, value: Mapping[str, Any]) -> Iterator[Group]:
+  if drawn := _drawn(value):
+    yield from drawn
+    return
   clock = next((np.asarray(value[key], dtype=float).ravel() for key in _CLOCKS if _is_vector(value.get(key))), None)
   columns = {f"{name}.{key}": np.asarray(field, dtype=float) for key, field in value.items() if _is_vector(field)}
   if clock is not None:
@@ -88,15 +91,42 @@ def _structure(name: str, value: Mapping[str, Any]) -> Iterator[Group]:
       yield from _structure(f"{name}.{key}", field)
 
 
+def _drawn(value: Mapping[str, Any]) -> list[Group]:
+  """Signals of dSPACE's ControlDesk: axes `X`, of which a signal in `Y` names one by `XIndex`, each with `Name` and
+  `Data`. A signal is called by the end of its path in the model, with its unit, and a clock by that of an axis."""
+  axes, signals = (_listed(value.get(key)) for key in ("X", "Y"))
+  if not axes or not signals or not all(_is_vector(each.get("Data")) for each in (*axes, *signals)):
+    return []
+  groups: list[Group] = []
+  for number, axis in enumerate(axes, 1):
+    clock = np.asarray(axis["Data"], dtype=float)
+    own = [each for each in signals if len(axes) == 1 or each.get("XIndex", 1) == number]
+    columns = {_path_end(each): np.asarray(each["Data"], dtype=float) for each in own}
+    groups.append((clock, {name: data for name, data in columns.items() if data.size == clock.size}))
+  return groups
+
+
+def _path_end(signal: Mapping[str, Any]) -> str:
+  """The last part of a signal's path, `"Model Root/IMU/ay"`, with its unit in brackets."""
+  unit = signal.get("Unit")
+  name = str(signal.get("Name", "")).strip('"').rstrip("/").rsplit("/", 1)[-1]
+  return f"{name} [{unit}]" if isinstance(unit, str) and unit.strip() else name
+
+
+def _listed(value: Any) -> list[Mapping[str, Any]]:
+  """One structure or an array of them; none of anything else."""
+  listed = [value] if isinstance(value, Mapping) else list(value) if isinstance(value, np.ndarray | list) else []
+  return listed if all(isinstance(each, Mapping) for each in listed) else []
+
+
 def _is_vector(value: Any) -> bool:
   return isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiub" and value.size > 0
 
 
 def _signals(name: str, signals: Any, samples: int) -> dict[str, np.ndarray]:
   """Columns of the `signals` of a structure with time: one structure or an array of them, each with `values`."""
-  listed = [signals] if isinstance(signals, Mapping) else list(signals) if signals is not None else []
   columns = {}
-  for number, signal in enumerate(listed, 1):
+  for number, signal in enumerate(_listed(signals), 1):
     values = np.asarray(signal.get("values", ()), dtype=float)
     if samples in values.shape:
       columns |= signal_columns(f"{name}.{_label(signal) or f'signals({number})'}", values, samples)

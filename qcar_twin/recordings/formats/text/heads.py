@@ -72,7 +72,11 @@ def stated_rate(lines: Sequence[str]) -> float | None:
 def _motive(rows: Sequence[list[str]]) -> Head | None:
   said = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
   last = next((k for k, row in enumerate(rows) if row[:1] == ["Frame"]), None)
-  owners = next((row for row in rows if row[1:2] == ["Name"]), None)
+  above = [row for row in rows[1:last] if any(row)]
+  # before format version 1.23 the rows of types, names and numbers are not called so
+  owners = next(
+    (row for row in above if row[1:2] == ["Name"]), above[1] if len(above) > 1 and not above[1][1] else None
+  )
   if last is None or owners is None or not len(owners) == len(rows[last]) == len(rows[last - 1]):
     return None
   length = _LENGTHS.get(said.get("Length Units", "").lower())

@@ -16,16 +16,15 @@ from qcar_twin.recordings.formats.columnar import opened, table_of_arrow
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.formats.text.counted import with_stated_rate
 from qcar_twin.recordings.formats.text.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
+from qcar_twin.recordings.formats.text.keyed import keyed_lines
 from qcar_twin.recordings.formats.text.tagged import messages_of, tagged_samples
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import words_of
 
 # what spreadsheets, pandas, R and C write where there is no number
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
 _SHOWN = 40  # characters of a row
 _TORN = 0.005  # a stated prior: of rows, those that a serial line tears; in more the header does not fit the file
-_LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 
 
 def read_text(path: Path, label: str) -> Table:
@@ -37,6 +36,8 @@ def read_text(path: Path, label: str) -> Table:
     )
   if (messages := messages_of(path, label)) is not None:
     return messages
+  if (keyed := keyed_lines(path, label)) is not None:
+    return keyed
   dialect = dialect_of(path, label)
   table, notes = _whole_rows(path, label, dialect)
   if len(table.column_names) == 1:
@@ -44,7 +45,6 @@ def read_text(path: Path, label: str) -> Table:
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
     )
   _refuse_words(table, label)
-  _refuse_long(table, label)
   if dialect.headless:
     table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])
   made = dataclasses.replace(table_of_arrow(table, label), headless=dialect.headless, notes=notes)
@@ -135,23 +135,6 @@ def _refuse_words(table: pyarrow.Table, label: str) -> None:
         f"{label}: row 1 holds words ({said[:60]}), perhaps units, and no numbers; delete that row; a unit may stand "
         "in a column's name, as in 'speed [km/h]'"
       )
-
-
-def _refuse_long(table: pyarrow.Table, label: str) -> None:
-  """A table with a row for every signal and time has one column of names and one of values."""
-  names = table.column_names
-  texts = [name for name, column in zip(names, table.columns, strict=True) if pyarrow.types.is_string(column.type)]
-  values = [name for name in names if words_of(name)[-1:] in (("value",), ("data",), ("val",))]
-  if len(texts) != 1 or len(values) != 1 or names.count(texts[0]) != 1 or table.num_rows < _LONG:
-    return
-  signals = table.column(texts[0]).unique().to_pylist()
-  if 1 < len(signals) <= _SIGNALS and None not in signals:
-    listed = ", ".join(map(str, signals[:_LISTED])) + (" …" if len(signals) > _LISTED else "")
-    raise RecordingError(
-      f"{label}: is a long table: '{texts[0]}' has the names of {len(signals)} signals ({listed}) and '{values[0]}' "
-      f'their values; give each a column of its own, as pandas\' table.pivot_table(index="time", '
-      f'columns="{texts[0]}", values="{values[0]}").reset_index() does'
-    )
 
 
 def _parse(

@@ -1,9 +1,11 @@
 """Columns in another language: of several angles the one that the car turned by is the steering."""
 
 import numpy as np
+import pytest
 
+from qcar_twin.recordings.first_dataset.parts.apart import runs_apart
 from qcar_twin.recordings.first_dataset.propose import propose
-from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.formats import Table, read_table
 from tests.faults.wander import wander
 from tests.qcar_twin.recordings.drives import write_csv
 
@@ -88,3 +90,24 @@ def test_a_command_of_no_known_name_is_told_by_the_speed_that_follows_it(tmp_pat
   write_csv(tmp_path / "run.csv", time, own | {"v": columns["speed"], "r": columns["yaw_rate"]})
   text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
   assert "# the speed follows 'u' (" in text and "map it, if that was commanded, as motor_voltage (V)" in text
+
+
+@pytest.mark.parametrize(("stem", "taken"), [("control", True), ("state", False)])
+def test_what_the_speed_follows_beside_the_steering_is_the_drives_command(stem, taken):
+  """A message that holds sensors, too, is none of commands."""
+  time, own = wander(5)
+  columns = {"time": time, "state.vx": own["speed"], "imu.wz": own["yaw_rate"]}
+  columns |= {f"{stem}.steer": own["steering_command"], f"{stem}.tau": np.roll(own["motor_voltage"], -10) / 12.0}
+  made = propose("lab", [Table("run.csv", columns, {})])
+  lines = [line for line in made.channels if line.startswith("motor_duty")]
+  assert len(lines) == taken and (not taken or "control.tau" in lines[0])
+
+
+def test_a_microcontrollers_counter_that_overflows_is_the_clock(tmp_path):
+  time, own = wander(5)
+  counted = np.mod(1e6 * time + 2.0**32 - 9e6, 2.0**32)
+  columns = {"cnt": np.arange(time.size, dtype=float), "us": counted, "throttle": own["motor_voltage"] / 8.0}
+  columns |= {"steer": own["steering_command"], "speed": own["speed"], "gyro_z": own["yaw_rate"]}
+  runs = runs_apart([Table("run.csv", columns, {})])
+  (line,) = [line for line in propose("lab", runs.tables).channels if line.startswith("time")]
+  assert len(runs.tables) == 2 and 'column = "us", scale = 1e-06 }' in line

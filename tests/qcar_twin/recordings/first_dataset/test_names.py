@@ -45,7 +45,9 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
     ("speed_set", "speed_command"), ("delta_set", "steering_command"), ("thr_req", "motor_duty"),
     ("motor_cmd", "motor_duty"), ("omega_wheel", "motor_speed"), ("w_wheel", "motor_speed"),
     ("wheel speed [rpm]", "motor_speed"), ("mm_s", "speed"), ("km_h", "speed"), ("a_xy(2)", "accel_y"),
-    ("current_motor", "armature_current"),
+    ("current_motor", "armature_current"), ("psi_p", "yaw_rate"), ("psipunkt [°/s]", "yaw_rate"), ("psi", "pose_yaw"),
+    ("v_Rad_HL", "speed"), ("vesc.state.speed", "motor_speed"), ("THR.ThrIn", "motor_duty"), ("THR.Speed", "speed"),
+    ("THR.AccX", "accel_x"),
     ("battery", "battery_voltage"), ("vbat", "battery_voltage"), ("current", "armature_current"),
   ],
 )  # fmt: skip

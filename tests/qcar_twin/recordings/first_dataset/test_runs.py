@@ -1,5 +1,7 @@
 """When a folder is one recording of a table per topic, and when it holds recordings."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.first_dataset.parts.runs import is_one_recording
 from qcar_twin.recordings.first_dataset.place import logs_of
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.vehicle.vehicle import QCAR
 from scripts import new
 from tests.qcar_twin.recordings.drives import drive, write_csv
 
@@ -36,23 +39,29 @@ def write_run(folder, seed=0, start=EPOCH):
 def test_runs_of_a_table_per_topic_are_recordings_of_their_own(tmp_path, capsys):
   for number in (1, 2, 3):
     write_run(tmp_path / "logs" / f"run{number}", number, EPOCH + 100.0 * number)
-  with pytest.raises(RecordingError, match="not decided yet: 'sensors_core.speed' counts electrical"):
-    new.main(new.Config(tmp_path / "lab", (tmp_path / "logs",), wheelbase=0.256, mass=2.7))
-  assert "3 logs" in capsys.readouterr().out
+  new.main(new.Config(tmp_path / "lab", (tmp_path / "logs",), wheelbase=0.256, mass=2.7))
+  assert (
+    "3 logs" in (said := capsys.readouterr().out) and "counts electrical" not in said
+  )  # the place tells the gearing
   text = (tmp_path / "lab" / "dataset.toml").read_text(encoding="utf-8")
   for channel, column in {
     "motor_duty": "commands_motor_duty_cycle.data", "steering_command": "servo_position.data",
     "motor_speed": "sensors_core.speed", "yaw_rate": "imu.angular_velocity.z", "pose_yaw": "mocap.orientation.yaw",
   }.items():  # fmt: skip
     assert f'\n{channel} = {{ column = "{column}"' in text
-  answered = "\n".join(line for line in text.splitlines() if not line.startswith("undecided"))
-  (tmp_path / "lab" / "dataset.toml").write_text(answered, encoding="utf-8")
+  assert tomllib.loads(text)["vehicle"]["gear_ratio"] == pytest.approx(QCAR.gear_ratio, rel=0.01)
   data = DataSet.load(tmp_path / "lab")
   assert [(run.name, run.file) for run in data.recordings] == [(f"run{k}", f"run{k}") for k in (1, 2, 3)]
   time, own = drive(30.0, seed=2)
   read = data["run2"]["yaw_rate"]
   assert read.time[0] == pytest.approx(0.002, abs=1e-6)
   np.testing.assert_allclose(read.value, own["yaw_rate"])
+
+
+def test_electrical_revolutions_are_asked_about_where_nothing_tells_the_gearing(tmp_path):
+  (write_run(tmp_path / "logs" / "run1") / "mocap.csv").unlink()
+  with pytest.raises(RecordingError, match="not decided yet: 'sensors_core.speed' counts electrical"):
+    new.main(new.Config(tmp_path / "lab", (tmp_path / "logs",), wheelbase=0.256, mass=2.7))
 
 
 @pytest.mark.parametrize("start", [EPOCH, 0.0])

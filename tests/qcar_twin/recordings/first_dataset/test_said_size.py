@@ -8,6 +8,7 @@ from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.vehicle.vehicle import QCAR, Vehicle
+from tests.faults.falsities import wander
 from tests.qcar_twin.recordings.drives import drive, write_csv
 
 
@@ -22,6 +23,21 @@ def test_what_was_said_is_in_the_draft(log):
   car = Vehicle.from_dataset({key: value for key, value in table["vehicle"].items() if key != "std"})
   assert car.mass == 1200.0 and car.wheelbase == pytest.approx(2.6)
   assert "mass = 1200.0  # as said" in text and "mass" not in table["vehicle"]["std"]
+
+
+def test_wheels_and_gear_that_were_said_are_no_guesses(log):
+  text = propose("car", [log], wheelbase=0.33, wheel_radius=0.05, gear_ratio=0.085).text
+  vehicle = tomllib.loads(text)["vehicle"]
+  assert (vehicle["wheel_radius"], vehicle["gear_ratio"]) == (0.05, 0.085)
+  assert not {"wheel_radius", "gear_ratio"} & vehicle["std"].keys()
+
+
+def test_wheels_without_a_unit_go_by_the_radius_that_was_said(tmp_path):
+  time, own = wander(4)
+  columns = {"throttle": own["motor_voltage"] / 8.0, "steer": own["steering_command"], "gyro_z": own["yaw_rate"]}
+  table = read_table(write_csv(tmp_path / "run.csv", time, columns | {"wheel_rl": own["speed"] / 0.04}))
+  (question,) = [said for said in propose("car", [table], wheel_radius=0.04).questions if "wheel" in said]
+  assert "for rad/s set scale = 0.04 on speed" in question
 
 
 def test_the_rest_is_estimated_and_says_so(log):
@@ -42,6 +58,15 @@ def test_without_a_word_the_draft_is_as_before(log):
 @pytest.mark.parametrize("said", [{"wheelbase": 0.0}, {"mass": -1.0}, {"mass": float("nan")}])
 def test_no_car_has_such_a_size(log, said):
   with pytest.raises(RecordingError, match=f"{next(iter(said))} must be a positive number"):
+    propose("car", [log], **said)
+
+
+@pytest.mark.parametrize(
+  ("said", "cure"),
+  [({"gear_ratio": 10.5}, "inverted: write 0.0952381"), ({"wheelbase": 0.26, "wheel_radius": 33.0}, "lengths in m")],
+)
+def test_another_convention_than_the_drafts_is_refused_with_its_cure(log, said, cure):
+  with pytest.raises(RecordingError, match=f"what was said of the car:.*{cure}"):
     propose("car", [log], **said)
 
 

@@ -62,6 +62,36 @@ def test_a_heading_that_points_backwards_is_turned_where_it_alone_tells(behind):
   assert ("offset = 3.14159" in line and "it points backwards" in line) is behind
 
 
+@pytest.mark.parametrize("quarter", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [True, False])
+def test_a_heading_a_quarter_turn_off_goes_by_which_way_the_car_is_driven(quarter, speed):
+  """As of a rigid body whose x axis was across the car when motion capture was taught it."""
+  columns = {"time": TIME, "throttle": np.abs(DRIVEN["motor_voltage"]) / 8.0, "steer": DRIVEN["steering_command"]}
+  columns |= {name: DRIVEN[name] for name in ("pose_x", "pose_y")} | ({"speed": DRIVEN["speed"]} if speed else {})
+  columns["pose_yaw"] = DRIVEN["pose_yaw"] - quarter * 0.5 * np.pi
+  line = next(one for one in propose("lab", [Table("run.csv", columns, {})]).channels if one.startswith("pose_yaw"))
+  offset = float(line.split("offset = ")[1].split(",")[0].split(" ")[0])
+  assert offset == pytest.approx(quarter * 0.5 * np.pi, abs=0.05)
+
+
+def test_a_clock_of_another_topic_is_no_command():
+  """ArduPilot's message of the throttle is THR, and its clock THR.TimeUS; the rows of other messages are blank."""
+  columns = {"time": TIME, "STER.SteerIn": DRIVEN["steering_command"], "GPS.Spd": DRIVEN["speed"]}
+  columns |= {"THR.TimeUS": 1e6 * TIME, "THR.ThrIn": 12.5 * DRIVEN["motor_voltage"], "THR.AccX": DRIVEN["accel_x"]}
+  for name in columns.keys() - {"time"}:
+    columns[name] = np.where(np.arange(TIME.size) % 2 == name.startswith("THR"), columns[name], np.nan)
+  made = propose("lab", [Table("run.csv", columns, {})])
+  (line,) = [line for line in made.channels if line.startswith("motor_duty")]
+  assert 'column = "THR.ThrIn"' in line and not made.questions
+
+
+def test_counts_a_second_are_no_speed_where_another_column_may_be_it():
+  columns = {"time": TIME, "throttle": DRIVEN["motor_voltage"] / 8.0, "steer": DRIVEN["steering_command"]}
+  columns |= {"motorTach": 1.5e5 * DRIVEN["speed"], "linearSpeed": DRIVEN["speed"], "gyro_z": DRIVEN["yaw_rate"]}
+  (line,) = [one for one in propose("lab", [Table("run.csv", columns, {})]).channels if one.startswith("speed = ")]
+  assert 'column = "linearSpeed"' in line
+
+
 @pytest.mark.parametrize(("name", "clockwise"), [("GPS Heading [deg]", True), ("imu heading [deg]", False)])
 def test_a_heading_of_gps_alone_counts_as_a_compass(name, clockwise):
   columns = {"time": TIME, "throttle": DRIVEN["motor_voltage"] / 8.0, "steer": DRIVEN["steering_command"]}

@@ -21,6 +21,7 @@ def table(folder, columns):
   ("left", "right", "channel"),
   [
     ("speed_rl", "speed_rr", "speed"),
+    ("v_Rad_HL", "v_Rad_HR", "speed"),
     ("lbSpeed", "rbSpeed", "speed"),
     ("WheelSpeed_RL_kph", "WheelSpeed_RR_kph", "speed"),
     ("wheel_left_rad_s", "wheel_right_rad_s", "motor_speed"),

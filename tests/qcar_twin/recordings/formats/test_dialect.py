@@ -78,12 +78,6 @@ def test_durations_are_seconds(tmp_path, stamp):
   np.testing.assert_allclose(table.columns["Time"], np.arange(60) / 50, atol=1e-9)
 
 
-def test_a_long_table_is_refused_with_what_makes_it_wide(tmp_path):
-  lines = [f"{k},{name},{k}.5" for k in range(20) for name in ("throttle", "speed")]
-  with pytest.raises(RecordingError, match=r"names of 2 signals \(throttle, speed\).*pivot_table\(index=\"time\""):
-    read(tmp_path, ["time,signal,value", *lines])
-
-
 @pytest.mark.parametrize("name", ["log.jsonl", "log.ndjson", "catalog_0.catalog"])
 def test_json_lines(tmp_path, name):
   rows = [{"t": 0.1 * k, "imu": {"gyro": [0.0, 0.0, k]}, "mode": "user", "v": None if k == 3 else k} for k in range(9)]

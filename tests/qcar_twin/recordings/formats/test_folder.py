@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from qcar_twin.recordings.first_dataset.place import logs_of
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
 
@@ -53,6 +54,16 @@ def test_messages_out_of_order_are_sorted_by_their_stamps(tmp_path):
   np.testing.assert_array_equal(table.columns["imu.rate"], np.arange(200.0))
 
 
+@pytest.mark.parametrize(("unit", "began"), [(1.0, 0.0), (1e6, 93e6)])
+def test_a_slow_topics_clock_is_in_the_unit_of_the_others(tmp_path, unit, began):
+  """By its steps alone one a second would be in ms, and one of a million microseconds in ns."""
+  write(tmp_path / "run" / "imu.csv", "timestamp,rate", *((began + unit * 0.01 * k, k) for k in range(3000)))
+  write(tmp_path / "run" / "battery.csv", "timestamp,volt", *((began + unit * k, 12.0) for k in range(30)))
+  table = read_table(tmp_path / "run")
+  stamps = table.columns["time"][np.isfinite(table.columns["battery.volt"])]
+  np.testing.assert_allclose(stamps - table.columns["time"][0], np.arange(30.0), atol=1e-6)
+
+
 def test_what_has_no_clock_is_left_out_with_a_note_and_a_silent_topic_without(tmp_path):
   folder = run(tmp_path / "run1")
   write(folder / "sizes.csv", "name,value", ("wheelbase", 0.25), ("mass", 2.0))
@@ -74,6 +85,15 @@ def test_a_folder_in_which_no_table_has_a_clock_is_refused_with_the_cure(tmp_pat
   write(tmp_path / "run" / "a.csv", "x,y", (1, 2), (2, 3))
   with pytest.raises(RecordingError, match="run: no table in this folder has a clock by its name; name the column"):
     read_table(tmp_path / "run")
+
+
+def test_a_bags_description_beside_its_tables_makes_no_bag(tmp_path):
+  run(tmp_path / "bag1")
+  (tmp_path / "bag1" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n")
+  assert len(logs_of([tmp_path / "bag1"])) == 3 and read_table(tmp_path / "bag1").rows == 15
+  (tmp_path / "bag1" / "bag1_0.mcap").write_bytes(b"")
+  with pytest.raises(RecordingError, match="bag1"):
+    read_table(tmp_path / "bag1")
 
 
 def test_a_damaged_topic_is_named(tmp_path):

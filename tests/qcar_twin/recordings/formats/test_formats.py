@@ -208,6 +208,15 @@ def test_npz_with_a_clock_for_the_arrays_of_each_length_keeps_their_times(tmp_pa
     np.testing.assert_array_equal(table.columns[name][there], values)
 
 
+def test_npz_with_several_clocks_of_one_length_goes_by_their_names_else_by_their_order(tmp_path):
+  encoder, servo = np.arange(0.0, 3.0, 0.01), np.arange(0.0, 3.0, 0.01) + 0.003
+  arrays = {"t_enc": encoder, "FL": encoder, "t_ecu": servo, "motor": servo, "v_enc": encoder, "yaw": np.arange(7.0)}
+  np.savez(tmp_path / "a.npz", **arrays, t_imu=np.arange(7.0) / 10.0)
+  table = read_table(tmp_path / "a.npz")
+  for name, time in (("FL", encoder), ("v_enc", encoder), ("motor", servo), ("yaw", np.arange(7.0) / 10.0)):
+    np.testing.assert_allclose(table.columns["time"][np.isfinite(table.columns[name])], time)
+
+
 def test_npz_of_unequal_lengths_lists_them(tmp_path):
   np.savez(tmp_path / "a.npz", time=TIME, speed=TIME[::2], motor_voltage=TIME)
   refused(
@@ -272,6 +281,23 @@ def test_mat_structure_without_labels_uses_the_block_and_numbers_vector_signals(
     table.columns["IMU(1)"] == COLUMNS["accel_x"]
   ).all()
   assert (table.columns["motor_voltage"] == COLUMNS["motor_voltage"]).all()
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_mat_structure_of_controldesk_is_named_by_the_ends_of_its_paths(tmp_path, axes):
+  fields = [("Name", object), ("Unit", object), ("Data", object), ("XIndex", object)]
+  signals = np.empty((1, 2), dtype=fields)
+  signals[0, 0] = ('"Model Root/RC/delta"', "deg", COLUMNS["steering_command"], 1)
+  signals[0, 1] = ('"Model Root/IMU/psi_p"', "", COLUMNS["yaw_rate"], axes)
+  clocks = np.empty((1, axes), dtype=[("Name", object), ("Data", object)])
+  for number in range(axes):
+    clocks[0, number] = ("time", TIME + 0.001 * number)
+  scipy.io.savemat(tmp_path / "a.mat", {"rec1": {"X": clocks, "Y": signals, "Description": {"General": "x"}}})
+  table = read_table(tmp_path / "a.mat")
+  assert set(table.columns) == {"time", "delta [deg]", "psi_p"}
+  sampled = np.isfinite(table.columns["psi_p"])
+  np.testing.assert_allclose(table.columns["time"][sampled], TIME + 0.001 * (axes - 1))
+  np.testing.assert_array_equal(table.columns["psi_p"][sampled], COLUMNS["yaw_rate"])
 
 
 def test_mat_structures_of_different_rates_are_merged(tmp_path):

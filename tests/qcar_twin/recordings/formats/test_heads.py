@@ -44,6 +44,12 @@ def test_motives_columns_are_called_by_body_kind_and_axis_with_their_unit(tmp_pa
   np.testing.assert_allclose(table.columns["buggy.Rotation.yaw"], 2.0 * np.arange(60) / 50, atol=1e-5)
 
 
+def test_an_older_motives_rows_are_not_called_by_what_they_are(tmp_path):
+  unnamed = [line.removeprefix(",Type").removeprefix(",Name").removeprefix(",ID") for line in motive()]
+  older = [f",{line}" if line != named else line for line, named in zip(unnamed, motive(), strict=True)]
+  assert list(read(tmp_path, older).columns) == list(read(tmp_path, motive(), "b.csv").columns)
+
+
 def test_motives_clock_counts_from_when_the_take_began(tmp_path):
   began = 1706965323.5  # date -ud '2024-02-03 13:02:03.5' +%s.%1N
   np.testing.assert_allclose(read(tmp_path, motive()).columns["Time (Seconds)"], began + np.arange(60) / 50)

@@ -1,0 +1,54 @@
+"""Long tables: a row for every signal and stamp."""
+
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
+
+ROWS = [(k + late, name, k + 0.5) for name, late in (("speed", 0.0), ("/cmd.throttle", 0.25)) for k in range(20)]
+BOTH = {"speed": np.arange(20.0), "/cmd.throttle": np.arange(20.0) + 0.25}
+
+
+def write(path, header, rows):
+  path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]), encoding="utf-8")
+  return path
+
+
+@pytest.mark.parametrize("order", ["a signal after another", "by time"])
+def test_each_signal_is_a_column_on_its_own_stamps(tmp_path, order):
+  rows = sorted(ROWS) if order == "by time" else ROWS
+  table = read_table(write(tmp_path / "run.csv", "time,topic,value", rows))
+  assert set(table.columns) == {"time", *BOTH}
+  for name, stamps in BOTH.items():
+    sampled = np.isfinite(table.columns[name])
+    np.testing.assert_array_equal(table.columns["time"][sampled], stamps)
+    np.testing.assert_array_equal(table.columns[name][sampled], np.arange(20) + 0.5)
+
+
+def test_of_several_clocks_that_of_the_header_counts_and_other_texts_are_no_signals(tmp_path):
+  rows = [(t + 7.0, "car", t, name, value) for t, name, value in ROWS]
+  table = read_table(write(tmp_path / "run.csv", "receive time,host,header.stamp,topic,value", rows))
+  assert table.columns["time"][0] == 0.0 and set(table.columns) == {"time", *BOTH}
+
+
+def test_parquet_too(tmp_path):
+  time, names, values = zip(*ROWS, strict=True)
+  pyarrow.parquet.write_table(pyarrow.table({"t": time, "signal": names, "value": values}), tmp_path / "run.parquet")
+  assert set(read_table(tmp_path / "run.parquet").columns) == {"time", *BOTH}
+
+
+def test_a_text_beside_other_numbers_names_no_signals(tmp_path):
+  rows = [(t, name, value, value) for t, name, value in sorted(ROWS)]
+  table = read_table(write(tmp_path / "run.csv", "time,mode,data,speed", rows))
+  assert {"time", "data", "speed"} <= set(table.columns)
+
+
+def test_one_without_a_clock_that_rises_is_refused(tmp_path):
+  rows = [(7.0, name, value) for _, name, value in ROWS]
+  with pytest.raises(
+    RecordingError, match=r"run.csv: is a long table: 'topic' has the names of 2 signals.*no column is a clock"
+  ):
+    read_table(write(tmp_path / "run.csv", "time,topic,value", rows))
