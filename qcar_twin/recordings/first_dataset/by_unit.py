@@ -23,6 +23,8 @@ _ONE = {
   "m/s": ("speed", ("speed", "motor_speed")),
   "rad/s": ("yaw_rate", ("yaw_rate",)),
 }
+_ONLY = "the only column in such a unit, whatever it is called"
+_TURNS_A_MINUTE = {"rpm", "1/min", "tr/min", "u/min", "giri/min", "min-1", "min^-1"}  # that no gyro is read in
 # what a servo or the body did, and no command: a body rolls with its turning
 _MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported", "roll", "pitch", "rx", "ry"}
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
@@ -46,7 +48,11 @@ def _only_ones(columns: Columns, guesses: dict[str, Guess]) -> None:
   for unit, (channel, instead) in _ONE.items():
     names = _unknown(columns, guesses, unit)
     if len(names) == 1 and not guesses.keys() & set(instead):
-      _add(columns, guesses, channel, names[0], "the only column in such a unit, whatever it is called")
+      _add(columns, guesses, channel, names[0], _ONLY)
+  a_minute = lambda name: (unit := unit_of(name)) is not None and unit[0].lower() in _TURNS_A_MINUTE
+  turns = [name for name in _unknown(columns, guesses, "rad/s") if a_minute(name)]
+  if len(turns) == 1 and not guesses.keys() & {"speed", "motor_speed"}:
+    _add(columns, guesses, "motor_speed", turns[0], _ONLY)
 
 
 def _accelerations(columns: Columns, guesses: dict[str, Guess]) -> None:

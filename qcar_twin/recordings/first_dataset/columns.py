@@ -108,7 +108,8 @@ class Columns:
       return False
     steps = [np.diff(table.number(name, name)) for table in self.tables]
     return all(
-      np.isfinite(step).all() and behind(step) <= late * step.size and np.mean(step > 0.0) > _TICKS for step in steps
+      step.size and np.isfinite(step).all() and behind(step) <= late * step.size and np.mean(step > 0.0) > _TICKS
+      for step in steps
     )
 
   def evenly(self, name: str) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
+from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.parts.motion import Fit, Motion, fit, motion_of
 from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MOTION, is_clock
 from qcar_twin.recordings.first_dataset.plane import settle_plane
@@ -63,6 +64,7 @@ def part_of(table: Table, columns: Columns | None = None) -> Part:
   guesses = guess_columns(columns)
   guess_by_unit(columns, guesses)
   settle_plane(columns, guesses)
+  unwrap_heading(columns, guesses)
   known = lambda channels: not guesses.keys().isdisjoint(channels)
   return Part(table.label, columns, guesses, known(COMMANDS), known(MOTION))
 
@@ -144,10 +146,11 @@ def _prefix(kind: Sequence[Part]) -> str:
 
 
 def _keys(kind: Sequence[Part], other: Sequence[Part]) -> dict[str, tuple[str, ...]]:
-  """By file the words of its name, without those that all files of its kind have and none of the other kind."""
+  """By file the words of its name, without those that all files of its kind have: a date's, say, tell none of them. Of
+  a lone file those stay that the other kind has."""
   everywhere = {word for word in kind[0].words if all(word in part.words for part in kind)}
   anywhere = {word for part in other for word in part.words}
-  own = everywhere - anywhere
+  own = everywhere if len(kind) > 1 else everywhere - anywhere
   return {part.label: tuple(word for word in part.words if word not in own) for part in kind}
 
 

@@ -111,3 +111,20 @@ def test_a_microcontrollers_counter_that_overflows_is_the_clock(tmp_path):
   runs = runs_apart([Table("run.csv", columns, {})])
   (line,) = [line for line in propose("lab", runs.tables).channels if line.startswith("time")]
   assert len(runs.tables) == 2 and 'column = "us", scale = 1e-06 }' in line
+
+
+def test_a_lone_column_in_turns_a_minute_is_the_motors_speed():
+  time, own = wander(5)
+  columns = {"time": time, "Gas[%]": 12.5 * own["motor_voltage"], "Lenkung[rad]": own["steering_command"]}
+  columns |= {"Kardandrehzahl[1/min]": 900.0 * own["speed"], "Drehrate[rad/s]": own["yaw_rate"]}
+  made = propose("lab", [Table("run.csv", columns, {})])
+  (line,) = [line for line in made.channels if line.startswith("motor_speed")]
+  assert "Kardandrehzahl" in line and "scale = 0.1047" in line
+
+
+def test_a_requested_angle_goes_before_a_measured_one():
+  time, own = wander(5)
+  columns = {"time": time, "EPS_SteerAngle [rad]": np.roll(own["steering_command"], 5), "speed": own["speed"]}
+  columns |= {"VCU_SteerReq [rad]": own["steering_command"], "gyro_z": own["yaw_rate"]}
+  (line,) = [x for x in propose("lab", [Table("run.csv", columns, {})]).channels if x.startswith("steering_command")]
+  assert "VCU_SteerReq" in line

@@ -47,7 +47,7 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
     ("wheel speed [rpm]", "motor_speed"), ("mm_s", "speed"), ("km_h", "speed"), ("a_xy(2)", "accel_y"),
     ("current_motor", "armature_current"), ("psi_p", "yaw_rate"), ("psipunkt [°/s]", "yaw_rate"), ("psi", "pose_yaw"),
     ("v_Rad_HL", "speed"), ("vesc.state.speed", "motor_speed"), ("THR.ThrIn", "motor_duty"), ("THR.Speed", "speed"),
-    ("THR.AccX", "accel_x"),
+    ("THR.AccX", "accel_x"), ("VCU_SteerReq", "steering_command"),
     ("battery", "battery_voltage"), ("vbat", "battery_voltage"), ("current", "armature_current"),
   ],
 )  # fmt: skip

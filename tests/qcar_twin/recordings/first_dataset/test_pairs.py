@@ -44,6 +44,14 @@ def test_names_that_differ_in_more_go_by_the_motion(tmp_path, capsys):
   assert "b.csv, retake.csv: parts of one drive by their motion" in capsys.readouterr().out
 
 
+def test_a_date_that_all_files_of_a_kind_have_names_no_drive(tmp_path, capsys):
+  """The 3 of a date is in every name, and the third drive's file has no other 3 to go by."""
+  for number, (time, columns) in enumerate(DRIVES, 1):
+    write_pair(tmp_path / "logs", f"LOG{number}", time, columns, capture=f"Session on 03-05 at 15-{15 * number}")
+  made(tmp_path)
+  assert "parts of one drive by their names" not in capsys.readouterr().out
+
+
 def test_a_name_against_the_motion_is_refused_and_renaming_cures_it(tmp_path):
   for number, (time, columns) in enumerate(DRIVES, 1):
     write_pair(tmp_path / "logs", f"run{number}", time, columns, capture=f"run{number % 3 + 1}_mocap")
