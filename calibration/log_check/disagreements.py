@@ -285,8 +285,8 @@ def _felt_late(comparisons: Sequence[Comparison]) -> Finding | None:
   felt = next((c for c in comparisons if c.motion.name == "speeding up and slowing down"), None)
   if felt is None or not (abs(felt.lag.value) > _FELT_LATE and felt.lag.beyond(0.0) and felt.correlation > TIED):
     return None
-  with_it = [name for c in comparisons if c.motion.name == "driving" for name in c.motion.reference]
-  sensors = [*felt.motion.compared] if felt.lag.value > 0.0 else [*felt.motion.reference, *with_it]
+  with_it = tuple(name for c in comparisons if c.motion.name == "driving" for name in c.motion.reference)
+  sensors = felt.motion.compared if felt.lag.value > 0.0 else (*felt.motion.reference, *with_it)
   other = felt.motion.reference if felt.lag.value > 0.0 else felt.motion.compared
   said = (
     f"{_list(sensors)} {'is' if len(sensors) == 1 else 'are'} {abs(felt.lag.value):.2f} ± {felt.lag.std:.2f} s late"
