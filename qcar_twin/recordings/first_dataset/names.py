@@ -52,8 +52,6 @@ _RULES: dict[str, tuple[str, ...]] = {
   "steering_command": (
     "steering|steer|steered|servo|servos|delta|deltawheel|df|str"
     " !measured|actual|feedback|fb|report|reported|velocity|rate|speed",
-    "steering|steer|servo|servos|delta|str command"
-    " !measured|actual|feedback|fb|report|reported|velocity|rate|speed",  # an angle that was measured may lie beside it
     "direction command !measured|actual|feedback|fb|report|reported|speed|rate|motor|gear",
     "wheel angle !measured|actual|feedback|fb|report|reported",
     "user|pilot|joystick|joy angle !measured|actual|feedback|fb|report|reported",

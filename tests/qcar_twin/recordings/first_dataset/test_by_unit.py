@@ -120,11 +120,3 @@ def test_a_lone_column_in_turns_a_minute_is_the_motors_speed():
   made = propose("lab", [Table("run.csv", columns, {})])
   (line,) = [line for line in made.channels if line.startswith("motor_speed")]
   assert "Kardandrehzahl" in line and "scale = 0.1047" in line
-
-
-def test_a_requested_angle_goes_before_a_measured_one():
-  time, own = wander(5)
-  columns = {"time": time, "EPS_SteerAngle [rad]": np.roll(own["steering_command"], 5), "speed": own["speed"]}
-  columns |= {"VCU_SteerReq [rad]": own["steering_command"], "gyro_z": own["yaw_rate"]}
-  (line,) = [x for x in propose("lab", [Table("run.csv", columns, {})]).channels if x.startswith("steering_command")]
-  assert "VCU_SteerReq" in line
