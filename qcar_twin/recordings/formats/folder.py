@@ -29,14 +29,17 @@ _LATE = 0.01  # share of rows that a logger of several threads writes out of ord
 
 
 def is_bag(folder: Path) -> bool:
-  """Whether a folder is a ROS 2 bag, which its description alone, beside tables exported from it, does not make it."""
-  stored = any(_STORED & set(path.suffixes) for path in folder.iterdir())
-  return stored or ((folder / _BAG).is_file() and not _tables(folder))
+  """Whether a folder is a ROS 2 bag: its description says so, unless that lies beside tables exported from it alone."""
+  return (folder / _BAG).is_file() and (_holds_data(folder) or not _tables(folder))
+
+
+def _holds_data(folder: Path) -> bool:
+  return any(_STORED & set(path.suffixes) for path in folder.iterdir())
 
 
 def tables_in(folder: Path) -> list[Path]:
-  """The tables directly in a folder by name; none where it is a bag, or where a link leads elsewhere."""
-  return [] if is_bag(folder) else _tables(folder)
+  """The tables directly in a folder by name; none where it holds a bag's data, or where a link leads elsewhere."""
+  return [] if _holds_data(folder) else _tables(folder)
 
 
 def _tables(folder: Path) -> list[Path]:

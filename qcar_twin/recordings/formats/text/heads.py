@@ -74,9 +74,8 @@ def _motive(rows: Sequence[list[str]]) -> Head | None:
   last = next((k for k, row in enumerate(rows) if row[:1] == ["Frame"]), None)
   above = [row for row in rows[1:last] if any(row)]
   # before format version 1.23 the rows of types, names and numbers are not called so
-  owners = next(
-    (row for row in above if row[1:2] == ["Name"]), above[1] if len(above) > 1 and not above[1][1] else None
-  )
+  unnamed = above[1] if len(above) > 1 and not any(above[1][:2]) else None
+  owners = next((row for row in above if row[1:2] == ["Name"]), unnamed)
   if last is None or owners is None or not len(owners) == len(rows[last]) == len(rows[last - 1]):
     return None
   length = _LENGTHS.get(said.get("Length Units", "").lower())

@@ -31,7 +31,7 @@ def spread(table: Table) -> Table:
     return table
   rows = {name: _rows(table.columns[name]) for name in texts if name not in table.ambiguous}
   names = max(rows, key=lambda name: len(rows[name]), default="")
-  if not names or not 1 < len(rows[names]) <= _SIGNALS:
+  if not names or len(rows[names]) < 2:
     return table
   for clock in clocks:
     stamps, places = np.unique(table.columns[clock], return_inverse=True)
@@ -46,10 +46,11 @@ def spread(table: Table) -> Table:
 
 
 def _rows(texts: np.ndarray) -> dict[str, np.ndarray]:
-  """The rows of each signal, in the order in which signals come; none where a cell is blank."""
-  if any(text is None for text in texts):
+  """The rows of each signal, in the order in which signals come; none where a cell is blank, or there are too many."""
+  signals = dict.fromkeys(texts.tolist())
+  if None in signals or len(signals) > _SIGNALS:
     return {}
-  return {signal: np.flatnonzero(texts == signal) for signal in dict.fromkeys(texts.tolist())}
+  return {signal: np.flatnonzero(texts == signal) for signal in signals}
 
 
 def _signal(name: str, time: np.ndarray, values: np.ndarray) -> Clocked:

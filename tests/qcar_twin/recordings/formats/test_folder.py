@@ -96,6 +96,12 @@ def test_a_bags_description_beside_its_tables_makes_no_bag(tmp_path):
     read_table(tmp_path / "bag1")
 
 
+def test_mcap_files_without_a_description_are_logs_of_their_own(tmp_path):
+  for name in ("a.mcap", "b.mcap"):
+    (tmp_path / name).write_bytes(b"x")
+  assert logs_of([tmp_path]) == [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+
+
 def test_a_damaged_topic_is_named(tmp_path):
   folder = run(tmp_path / "run1")
   (folder / "imu.csv").write_text("timestamp_ns,rate\n1,2\n2,3,4\n", encoding="utf-8")
