@@ -75,6 +75,10 @@ class Candidate:
     """Posterior standard deviations of the free parameters, (p,)."""
     return np.sqrt(np.maximum(np.diag(inverse_curvature(self.curvature, self.free)), 0.0))
 
+  def value(self, name: str) -> float:
+    """Estimate of a free parameter."""
+    return float(self.values[self.free.index(name)])
+
   def estimate(self, name: str) -> tuple[float, float]:
     """Value and standard deviation of a free parameter."""
     i = self.free.index(name)
@@ -83,8 +87,9 @@ class Candidate:
 
 def promise(model: Candidate, held: float = 0.0) -> float:
   """Nats that a Gauss-Newton step along the model's slopes would bring, held back as `refine` does along stale ones."""
-  step = bounded_solve(model.curvature + held * _unit(model), model.gradient, model.values, model.free) - model.values
-  return -float(model.gradient @ step + 0.5 * step @ model.curvature @ step)
+  curvature, gradient = model.curvature, model.gradient
+  step = bounded_solve(curvature + held * _unit(model), gradient, model.values, model.free) - model.values
+  return -float(gradient @ step + 0.5 * step @ curvature @ step)
 
 
 def half_square(values: Array) -> float:

@@ -7,6 +7,7 @@ errors apart), and no restart of the simulation is needed for it.
 """
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -68,10 +69,15 @@ class Observations:
   def __len__(self) -> int:
     return len(self.measured)
 
-  @property
+  @functools.cached_property
   def present(self) -> tuple[str, ...]:
     """Channels that occur."""
     return tuple(CHANNELS[i] for i in np.unique(self.channel))
+
+  @functools.cached_property
+  def _rows(self) -> dict[str, NDArray[np.intp]]:
+    """Where the values of each channel are."""
+    return {name: np.flatnonzero(self.select(name)) for name in self.present}
 
   @property
   def grid_points(self) -> NDArray[np.int64]:
@@ -128,8 +134,7 @@ class Observations:
     n = len(prediction.signals)
     flat = prediction.signals.reshape(n, -1, len(SIGNALS))
     out = np.empty((n, len(self)))
-    for name in self.present:
-      rows = np.flatnonzero(self.select(name))
+    for name, rows in self._rows.items():
       out[:, rows] = self._predict(RESIDUALS[name], flat, rows)
     return out
 

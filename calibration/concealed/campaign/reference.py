@@ -41,7 +41,7 @@ def oracle(outcome: Outcome, effects: Sequence[str], holdout: Sequence[Recording
     "lost_without": {name: pool.models[key - {name}].cost - model.cost for name in sorted(key)},
     "t": test.t,
     "gain": test.gain,
-    "parameters": {name: (model.estimate(name)[0], float(std[model.free.index(name)])) for name in names},
+    "parameters": {name: (model.value(name), float(std[model.free.index(name)])) for name in names},
     "holdout": {name: fit.after for name, fit in fits.items()},
   }
 

@@ -54,7 +54,7 @@ def priors(d: Diagnosis) -> Section:
     parameter = base.free[name]
     known = parameter.null is None and parameter.std is not None
     prior = spread(shift["prior"], parameter.std) if known else "–"
-    final = spread(model.estimate(name)[0], last[name]) if name in last else "–"
+    final = spread(model.value(name), last[name]) if name in last else "–"
     shown, shifted = spread(shift["fitted"], first[name]), shift["sigma"] if known else None
     rows.append((name, parameter.unit, prior, shown, shifted, final, _remark(base, name, apart.get(name))))
   text = (

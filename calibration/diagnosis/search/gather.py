@@ -150,10 +150,10 @@ class Weighing:
         continue
       declared = usual_errors([mechanism], self.observations)
       usual = {n: declared.get(n, model.free[n].std) for n in names}
-      away = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
+      away = [(model.value(n) - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
       share = levels.usual_reach(len(away)) / max(math.hypot(*away), 1e-12)
       kept = share if share < 1.0 else 0.0
-      held = {n: (1.0 - kept) * (model.free[n].null or 0.0) + kept * model.estimate(n)[0] for n in names}
+      held = {n: (1.0 - kept) * (model.free[n].null or 0.0) + kept * model.value(n) for n in names}
       without = _held(model, held)
       row = self._weighed(model, without, mechanism.name, self._test(model, without), at_bound=False)
       rows.append(dataclasses.replace(row, deviations=tuple(map(float, away))))
@@ -228,9 +228,10 @@ def _held(model: Candidate, at: Mapping[str, float]) -> Candidate:
   rest = [i for i in range(len(model.free)) if i not in held]
   move = np.zeros(len(model.free))
   move[held] = np.array(list(at.values())) - model.values[held]
-  pull = model.gradient + model.curvature @ move
+  curvature = model.curvature
+  pull = model.gradient + curvature @ move
   free = ParameterSet(model.free[model.free.names[i]] for i in rest)
-  values = bounded_solve(model.curvature[np.ix_(rest, rest)], pull[rest], model.values[rest], free)
+  values = bounded_solve(curvature[np.ix_(rest, rest)], pull[rest], model.values[rest], free)
   move[rest] = values - model.values[rest]
   return dataclasses.replace(
     model,

@@ -19,13 +19,13 @@ _STEPS = 2  # of Gauss-Newton: the same twin in other words is at its minimum al
 def by_the_youngest(trials: Trials) -> Trials:
   """The twin with ages counted from its youngest sensor, fitted anew from there; itself where that is its clock."""
   base = trials.base
-  ages = {name: base.estimate(name)[0] for name in AGES if name in base.free}
+  ages = {name: base.value(name) for name in AGES if name in base.free}
   youngest = min(ages, key=lambda name: ages[name], default="")
   if not youngest or ages[youngest] >= 0.0:
     return trials
   late = -ages[youngest]
   start = {name: age + late for name, age in ages.items()} | {trials.clock: late}
-  start |= {name: max(base.estimate(name)[0] - late, 0.0) for name in DELAYS if name in base.free}
+  start |= {name: max(base.value(name) - late, 0.0) for name in DELAYS if name in base.free}
   model = trials.model((trials.clock,), start, without={youngest})
   model.free = _counted_from(base.free[youngest], model.free, trials.clock)
   simulate(trials.problem, [model])

@@ -27,13 +27,13 @@ class Fake:
   def model(self, forms, start, without):
     rest = [p for p in self.base.free if p.name not in without]
     free = ParameterSet([*rest, *map(age, forms)])
-    values = [start.get(n, self.base.estimate(n)[0] if n in self.base.free else np.nan) for n in free.names]
+    values = [start.get(n, self.base.value(n) if n in self.base.free else np.nan) for n in free.names]
     return base(free, values)
 
 
 def base(free, values):
   at = np.array(values, float)
-  return SimpleNamespace(free=free, values=at, estimate=lambda name: (float(at[free.index(name)]), 0.001))
+  return SimpleNamespace(free=free, values=at, value=lambda name: float(at[free.index(name)]))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def trials(**values):
 
 def test_a_sensor_that_speaks_before_the_clock_makes_the_clock_late(unmoved):
   found = by_the_youngest(trials(encoder_latency=-0.02, imu_latency=0.01, steering_delay=0.03, drive_delay=0.01))
-  told = {name: found.base.estimate(name)[0] for name in found.base.free.names}
+  told = {name: found.base.value(name) for name in found.base.free.names}
   assert told == pytest.approx({"imu_latency": 0.03, "steering_delay": 0.01, "drive_delay": 0.0, "pose_latency": 0.02})
   assert found.clock == "encoder_latency" and set(found.beside) == set(told)
 
