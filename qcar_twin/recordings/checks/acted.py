@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, Drive, driven, runs, steady
-from qcar_twin.recordings.checks.faults import Runs
+from qcar_twin.recordings.checks.faults import Runs, stuck_speeds
 from qcar_twin.recordings.checks.signs import turned_back
 from qcar_twin.recordings.recording import Recording
 
@@ -22,6 +22,7 @@ from qcar_twin.recordings.recording import Recording
 # be moved `python -m tests.faults.thresholds` measures
 MUCH = 0.05
 _CONTRARY = 0.8  # share of the steady driving under a command of the other sign
+OFF = 0.1  # of the commands that drive, below which a controller takes one for none
 _LEAST_IDLE = 2.0  # s in a row of a command that does nothing
 WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
 _LONGEST_LAG = 0.5  # s, for which a drive may go on after its command was reversed
@@ -54,9 +55,21 @@ def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float
   return [
     Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
     for d in held
-    for first, last, idle in runs(d.stands & (np.abs(d.command - neutral) >= least))
+    for first, last, idle in runs(d.stands & (np.abs(d.command - neutral) >= least) & ~braked(d, channel, neutral))
     if idle and (last - first) * PERIOD >= _LEAST_IDLE
   ]
+
+
+def braked(drive: Drive, channel: str, neutral: float = 0.0) -> np.ndarray:
+  """Where a duty backwards, told while the car went forwards, goes on, (k,): a controller of a model car brakes by it,
+  and holds the car when it stands, until it was told neutral (mechanism drive_one_way, which every fit has)."""
+  held = np.zeros(drive.command.size, dtype=bool)
+  if channel != "motor_duty":
+    return held
+  off = OFF * float(np.abs(drive.command - neutral).max(initial=0.0))
+  for first, last, back in runs(drive.command - neutral < -off):
+    held[first : last + 1] = back and drive.speed[first] > 0.0 and not drive.stands[first]
+  return held
 
 
 def against(recordings: Sequence[Recording], channel: str) -> bool:
@@ -88,9 +101,17 @@ def _driven_on(held: Sequence[Drive], channel: str) -> list[Stretch]:
   return [
     Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
     for d in held
-    for first, last, reversed_ in runs(steady(d) & (d.command < -large))
+    for first, last, reversed_ in runs(steady(d) & (d.command < -large) & ~_stuck(d))
     if reversed_ and (last - first) * PERIOD >= _LONGEST_LAG
   ]
+
+
+def _stuck(drive: Drive) -> np.ndarray:
+  """Where the measured speed stuck and tells nothing, (k,)."""
+  out = np.zeros(drive.time.size, dtype=bool)
+  for start, end in stuck_speeds(drive.recording):
+    out |= (drive.time >= start) & (drive.time <= end)
+  return out
 
 
 def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:

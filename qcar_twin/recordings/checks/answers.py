@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qcar_twin.recordings.channels import SPEED_SETTING
-from qcar_twin.recordings.checks.acted import WEAK, Stretch, idle_stretches
+from qcar_twin.recordings.checks.acted import OFF, WEAK, Stretch, braked, idle_stretches
 from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, RESTS, Drive, driven, runs, steady
 from qcar_twin.recordings.recording import Recording
 
@@ -25,7 +25,6 @@ _SURE = 3.0  # deviations of the usual answer
 _STICKS = 2.0  # times the friction of a car that moves: no more holds one that stands
 _LOWER = 0.3  # quantile of commands for a motion: the median of the sound ones where two fifths of the driving is weak
 _BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
-_OFF = 0.1  # of a command that drives, below which a controller takes it for none
 _OFTEN = 2  # presses that brake: once, the car may have been held
 _STOPS = 0.5  # s at rest under such a press: no drive's lag is longer
 _LATER = 0.8  # share of the driving backwards that is under later presses: an hour of a drive has odd seconds
@@ -56,7 +55,7 @@ def braked_stretches(recordings: Sequence[Recording], channel: str) -> list[Stre
     return []
   least, braking, stretches = float(np.percentile(commands, WEAK)), 0, []
   for d, back in zip(held, reverse, strict=True):
-    first = _first_press(d.command, _OFF * least)
+    first = _first_press(d.command, OFF * least)
     braking += int(np.sum(back & first))
     stretches += [
       Stretch(d.recording, channel, float(d.time[a]), float(d.time[b]))
@@ -81,14 +80,13 @@ def command_per_speed(recordings: Sequence[Recording], channel: str) -> tuple[fl
   """How much more of a command a car takes to go faster, in the channel's unit per unit of the measured speed, and its
   standard deviation, by leaving out 3 s in turn; None where this driving hardly tells it."""
   held = driven(recordings, channel)
-  rows = np.concatenate([*(_rows(d) for d in held), np.empty((4, 0))], axis=1)
-  command, _, speed, change = rows
+  command, _, speed, change, across = np.concatenate([*(_rows(d) for d in held), np.empty((5, 0))], axis=1)
   top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
   moving = (np.abs(speed) > MOVING * top) & (command * speed > 0.0)
   if moving.sum() < _LEAST_BINS:
     return None
   way = np.sign(speed[moving])
-  design, given = way[:, None] * _design(speed[moving], change[moving]), way * command[moving]
+  design, given = way[:, None] * _design(speed[moving], change[moving], across[moving]), way * command[moving]
   low, high = np.percentile(given, [5.0, 95.0])
   if high - low < MOVING * high:  # about one level, which friction explains as well
     return None
@@ -104,8 +102,10 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
 
   The usual command for a motion is the lower quantile over all driving of
 
-      command = a speed + b d(speed)/dt + friction sign(speed),
+      command = a speed + b d(speed)/dt + c (speed * yaw rate)^2 sign(speed) + friction sign(speed),
 
+  the third what tyres take that push a car round, where a yaw rate was logged: else a car that is mostly driven in
+  circles, slower under more of a command, would seem to be all friction. It is the lower quantile,
   since weak driving takes more. Where a battery's voltage was logged a duty is taken times it, so that only what the
   voltage doesn't explain is weak. A command that sets a force has none: in a slow turn the tyres take most of it.
   """
@@ -114,18 +114,18 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
   held = driven(recordings, channel)
   rows = [_rows(d) for d in held]
   top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
-  command, _, speed, change = np.concatenate([*rows, np.empty((4, 0))], axis=1)
+  command, _, speed, change, across = np.concatenate([*rows, np.empty((5, 0))], axis=1)
   moving = (np.abs(speed) > MOVING * top) & (command * speed > 0.0)
   if moving.sum() < _LEAST_BINS:
     return []
   way = np.sign(speed[moving])
-  line, spread = _usual(way * command[moving], way[:, None] * _design(speed[moving], change[moving]))
+  line, spread = _usual(way * command[moving], way[:, None] * _design(speed[moving], change[moving], across[moving]))
   least = float(np.percentile(np.abs(command[moving]), WEAK))
   holds = min(least, _STICKS * line[-1] + _SURE * spread) if line[-1] > 0.0 else least
   stretches = []
-  for d, (_, asked, speed, change) in zip(held, rows, strict=True):
+  for d, (_, asked, speed, change, across) in zip(held, rows, strict=True):
     way, friction = np.sign(asked), line[-1]
-    missing = np.abs(asked) - friction - way * (_design(speed, change)[:, :-1] @ line[:-1])
+    missing = np.abs(asked) - friction - way * (_design(speed, change, across)[:, :-1] @ line[:-1])
     weak = (
       (np.abs(asked) >= np.where(np.abs(speed) > RESTS * top, least, holds))
       & ((asked * speed >= 0.0) | (np.abs(speed) <= RESTS * top))  # of a car that stands the sign is noise
@@ -133,6 +133,7 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
       & (way * change < _SPEEDS_UP * top)
     )
     weak &= missing > np.maximum((1.0 - _ANSWERED) * (np.abs(asked) - friction), _SURE * spread)
+    weak &= ~_any(braked(d, channel))
     begin = float(d.time[0]) if d.time.size else 0.0
     for first, last in _parts(weak, answers=~weak & (np.abs(speed) > RESTS * top)):
       stretches.append(Stretch(d.recording, channel, begin + first * _BIN, begin + (last + 1) * _BIN))
@@ -156,7 +157,7 @@ def _parts(weak: np.ndarray, answers: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _rows(drive: Drive) -> np.ndarray:
-  """Command, the least of it over a lag before, speed and its change per s, means of bins, (4, k)."""
+  """Command, the least of it over a lag before, speed, its change per s, (speed * yaw rate)^2: means of bins (5, k)."""
   command, count = drive.command, round(_BIN / PERIOD)
   battery = drive.recording.battery
   if drive.recording.drive_channel == "motor_duty" and battery is not None:
@@ -166,12 +167,21 @@ def _rows(drive: Drive) -> np.ndarray:
     np.r_[np.zeros(lag := round(_LONGEST_LAG / PERIOD)), command], lag + 1
   )
   asked = np.maximum(before.min(axis=1), 0.0) + np.minimum(before.max(axis=1), 0.0)
+  gyro = drive.recording.streams.get("yaw_rate")
+  turning = np.interp(drive.time, gyro.time, gyro.value) if gyro is not None and len(gyro) else 0.0 * drive.speed
   whole = drive.time.size // count * count
-  return np.stack([v[:whole].reshape(-1, count).mean(axis=1) for v in (command, asked, drive.speed, change)])
+  means = [command, asked, drive.speed, change, (drive.speed * turning) ** 2]
+  return np.stack([v[:whole].reshape(-1, count).mean(axis=1) for v in means])
 
 
-def _design(speed: np.ndarray, change: np.ndarray) -> np.ndarray:
-  return np.stack([speed, change, np.sign(speed)], axis=1)
+def _any(mask: np.ndarray) -> np.ndarray:
+  """Bins in which a mask of the grid holds anywhere."""
+  count = round(_BIN / PERIOD)
+  return mask[: mask.size // count * count].reshape(-1, count).any(axis=1)
+
+
+def _design(speed: np.ndarray, change: np.ndarray, across: np.ndarray) -> np.ndarray:
+  return np.stack([speed, change, across * np.sign(speed), np.sign(speed)], axis=1)
 
 
 def _usual(command: np.ndarray, design: np.ndarray) -> tuple[np.ndarray, float]:

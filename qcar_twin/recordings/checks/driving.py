@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.checks.faults import Runs
+from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.recording import Recording
 
 PERIOD = 0.05  # s, of the grid on which commands and motion are compared
@@ -38,10 +39,20 @@ class Drive:
 
 def driven(recordings: Sequence[Recording], channel: str) -> list[Drive]:
   """Those recordings that have the command and a measured speed. What standing is goes by the set's top speed: a parked
-  recording's own is noise."""
-  rows = [row for r in recordings if (row := _row(r, channel)) is not None]
+  recording's own is noise. One in which nothing was logged for long is several: what was between is not known."""
+  rows = [row for r in recordings for part in _without_gaps(r) if (row := _row(part, channel)) is not None]
   top = float(np.percentile(np.abs(np.concatenate([speed for *_, speed in rows])), 99.0)) if rows else 0.0
   return [Drive(*row, stands := np.abs(row[-1]) <= RESTS * top, _answered(stands)) for row in rows]
+
+
+def _without_gaps(recording: Recording) -> list[Recording]:
+  """Its parts, each logged throughout."""
+  time = np.unique(np.concatenate([stream.time for stream in recording.streams.values()]))
+  steps = [float(np.median(np.diff(stream.time))) for stream in recording.streams.values() if len(stream) > 1]
+  gaps = np.flatnonzero(np.diff(time) > gap_limit(min(steps, default=0.0))) + 1
+  if not gaps.size:
+    return [recording]
+  return [recording.window(part[0], part[-1]) for part in np.split(time, gaps) if part.size >= MIN_SAMPLES]
 
 
 def _row(recording: Recording, channel: str) -> tuple[Recording, np.ndarray, np.ndarray, np.ndarray] | None:

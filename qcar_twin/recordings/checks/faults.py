@@ -139,6 +139,11 @@ def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
   return stuck
 
 
+def stuck_speeds(recording: Recording) -> Spans:
+  """Spans, s, in which a measured speed repeats one value although the car shows that it cannot."""
+  return [span for channel, spans in _stuck(recording).items() if channel in _SPEEDS for span in spans]
+
+
 def _frozen_note(recording: Recording, channel: str, stuck: list[tuple[float, float]], so: str) -> str:
   return _note(recording, channel, f"is frozen at {_within(recording[channel], stuck[0])[0]:g}", stuck, so)
 
@@ -284,6 +289,9 @@ def _should_change(recording: Recording, stream: Stream, span: tuple[float, floa
     answered = command.at(np.linspace(span[0], max(span[1] - _ANSWERS, span[0]), 50))
     leapt = _leaps_away(stream, span) and float(np.ptp(inside)) > much
     return much > 0.0 and (leapt or float(np.ptp(answered)) > much)
+  before = stream.value[stream.time < span[0]]
+  if recording.drive_channel == "motor_duty" and np.median(inside) < 0.0 and before.size and before[-1] > 0.0:
+    return False  # a controller of a model car brakes by a duty backwards, and holds what it has stopped
   moving = np.abs(stream.value) > 0.1 * np.abs(stream.value).max()
   usual = np.median(np.abs(command.at(stream.time[moving]))) if moving.any() else np.inf
   return bool(usual > 0.0) and float(np.median(np.abs(inside))) >= float(usual)

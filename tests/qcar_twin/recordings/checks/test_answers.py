@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from calibration.log_check.commands import command_findings
-from qcar_twin.recordings.checks.answers import braked_stretches, command_per_speed, weak_stretches
+from qcar_twin.recordings.checks.acted import lost_sign
+from qcar_twin.recordings.checks.answers import (
+  braked_stretches,
+  command_per_speed,
+  unanswered_stretches,
+  weak_stretches,
+)
+from qcar_twin.recordings.checks.faults import find_defects
 from qcar_twin.recordings.recording import Recording, Stream
 from tests.faults.thresholds import FALSE
 from tests.faults.wander import wander
@@ -136,3 +143,56 @@ def test_what_a_car_takes_to_go_faster_is_told_with_its_deviation():
   assert value == pytest.approx(4.0, abs=max(3.0 * std, 0.02)) and std < 0.1
   level = columns | {"motor_voltage": np.full(time.size, 4.0)}
   assert command_per_speed([Recording.from_columns("run", time, level)], "motor_voltage") is None
+
+
+def stopping(seed: int = 3) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+  """Drives of 6 s, a level each and then a duty backwards that stops the car and holds it."""
+  random, time = np.random.default_rng(seed), np.arange(4500) / 50.0
+  told = np.where(time % 6.0 < 4.0, np.repeat(random.uniform(0.2, 0.8, 15), 300), -0.5)
+  speed = np.zeros(time.size)
+  for k in range(1, time.size):
+    pull = told[k] - 0.04 - 0.2 * speed[k - 1] if told[k] > 0.0 else -0.6
+    speed[k] = max(speed[k - 1] + 0.02 * pull / 0.1, 0.0)
+  return time, {"motor_duty": told, "speed": speed}
+
+
+def test_a_controller_that_brakes_holds_what_it_has_stopped():
+  """The twin's controller does so, too; a motor that is given the voltage itself would go backwards."""
+  time, columns = stopping()
+  held = Recording.from_columns("run", time, columns)
+  assert unanswered_stretches([held], "motor_duty") == [] and command_findings([held]) == []
+  assert not any("frozen" in note for note in find_defects(held))
+  columns["motor_voltage"] = columns.pop("motor_duty")
+  assert unanswered_stretches([Recording.from_columns("run", time, columns)], "motor_voltage")
+
+
+def test_a_car_that_stands_and_is_then_told_backwards_is_not_braked():
+  time, columns = stopping()
+  late = (time % 6.0 >= 4.0) & (time % 6.0 < 5.0)
+  columns["motor_duty"] = np.where(late, 0.0, columns["motor_duty"])  # it rolls out meanwhile
+  columns["speed"] = np.where(time % 6.0 >= 4.8, 0.0, columns["speed"])
+  columns["motor_duty"] = np.where(time > 60.0, columns["motor_duty"].clip(None, -0.5), columns["motor_duty"])
+  columns["speed"] = np.where(time > 60.0, 0.0, columns["speed"])
+  assert unanswered_stretches([Recording.from_columns("run", time, columns)], "motor_duty")
+
+
+def test_a_car_that_goes_slower_round_circles_under_more_of_a_command_answers():
+  random, time = np.random.default_rng(5), np.arange(12000) / 50.0
+  circles = time > 12.0
+  turning = np.where(circles & (time % 20.0 < 16.0), 1.6, 0.0)
+  told = np.where(circles, np.where(turning > 0.0, 0.21, 0.2), np.repeat(random.uniform(0.1, 0.3, 40), 300))
+  speed = np.zeros(time.size)
+  for k in range(1, time.size):
+    pull = told[k] - 0.013 - 0.046 * speed[k - 1] - 0.0005 * (speed[k - 1] * turning[k]) ** 2
+    speed[k] = max(speed[k - 1] + 0.02 * pull / 0.045, 0.0)
+  noisy = speed + 0.005 * random.standard_normal(time.size)
+  run = Recording.from_columns("run", time, {"motor_duty": told, "speed": noisy, "yaw_rate": turning})
+  assert weak_stretches([run], "motor_duty") == []
+
+
+def test_a_speed_that_stuck_before_a_pause_drives_nothing_backwards():
+  time, columns = stopping()
+  stuck = (time > 60.0) & (time < 77.5)
+  columns["speed"] = np.where(stuck, 2.81, columns["speed"])
+  later = time + np.where(time >= 77.5, 30.0, 0.0)
+  assert lost_sign([Recording.from_columns("run", later, columns)], "motor_duty") == []
