@@ -1,6 +1,7 @@
 """Which column of some logs is which channel, in which unit: by its name first, then by what its values can be."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -36,6 +37,7 @@ _STEPS = {"dt", "deltat", "timestep"}
 _POLE_PAIRS = 2.0  # of most motors of 1:10 cars; `new` asks
 _HAND_TURNS = 16.0  # angle of the steering wheel by that of the road wheels: 12 to 20 of passenger cars
 _HAND_WHEEL = {"steering", "wheel"}  # what a driver turns, many times as far as the road wheels
+_ANY_ANGLE = math.degrees(_LOCK) * _HAND_TURNS  # deg, beyond which no steering wheel is turned
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
 
 
@@ -216,9 +218,12 @@ def _too_fast(columns: Columns, name: str, channel: str) -> float:
 
 
 def possible(columns: Columns, name: str, channel: str) -> bool:
-  """Whether the values do not forbid it: a clock rises, a channel changes and is no clock by its name that goes on."""
+  """Whether the values do not forbid it: a clock rises, a channel changes and is no clock by its name that goes on. A
+  wheel's angle that only grows, beyond any steering wheel's, is that of its turning."""
   if channel == "time":
     return columns.rises(name)
+  if channel == "steering_command" and columns.top(name) > _ANY_ANGLE and columns.mostly_forward(name):
+    return False
   clock = any(reading.channel == "time" for reading in readings(name))
   return not columns.constant(name) and not (clock and columns.mostly_forward(name))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, Stream
 
 Array = NDArray[np.float64]
 _DEGREE = math.pi / 180.0
@@ -27,6 +27,7 @@ _BETTER = 0.5  # of what is missing to 1: at most so much is missing to another 
 _SQUARE = 0.3  # rad, within which a heading is a quarter turn off, as a compass's is
 _OFF = 0.142  # rad, whose cosine is 0.99: a speed along it is then 1 % off, a sensor's usual tolerance
 _STRAIGHT = 0.05  # rad in a bin: points ahead of the axle or behind it go sideways in turns
+_LEAPS = 10.0  # times what one bin in ten turns by: a marker that was mistaken for another, and no car
 _CONTRARY = -0.85  # correlation of a gyro that turns the other way
 
 
@@ -152,16 +153,16 @@ def contrary(recordings: Sequence[Recording]) -> bool:
     if not {"yaw_rate", "pose_yaw"} <= set(recording.channels):
       continue
     edges = np.arange(recording.start, recording.end, _BIN)
-    turned = np.diff(recording["pose_yaw"].interpolate(edges))
+    heading = recording["pose_yaw"]
+    if period := turn_of(heading.value):
+      heading = Stream(heading.time, np.unwrap(heading.value, period=period))
+    turned = np.diff(heading.interpolate(edges))
     parts.append(np.stack([turned, recording["yaw_rate"].interpolate(edges[:-1] + 0.5 * _BIN)]))
   turned, rate = np.concatenate(parts, axis=1)
   known = np.isfinite(turned) & np.isfinite(rate)
   if known.sum() < _LEAST or not turned[known].any() or not rate[known].any():
     return False
-  usual = (
-    np.abs(turned - np.median(turned[known])) < 10.0 * np.median(np.abs(turned[known])) + 1e-9
-  )  # no jumps of turns
-  known &= usual
+  known &= np.abs(turned) < _LEAPS * np.percentile(np.abs(turned[known]), 90.0)  # though the car went straight for long
   return bool(known.sum() >= _LEAST and np.corrcoef(turned[known], rate[known])[0, 1] < _CONTRARY)
 
 

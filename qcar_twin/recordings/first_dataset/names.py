@@ -131,6 +131,8 @@ _RULES: dict[str, tuple[str, ...]] = {
 # and drive a rover
 _PX4 = re.compile(r"actuator_controls_0\w*\W+control\[(?P<place>\d)\]$")
 _PX4_CONTROLS = ("", "", "steering_command", "motor_duty")
+# of PX4 since 1.14 (msg/ActuatorServos.msg, ActuatorMotors.msg): a rover's first servo steers
+_PX4_OUTPUTS = re.compile(r"actuator_(?P<what>servos|motors)(_0)?\W+control\[0\]$")
 _MEAN = 0.3  # what the mean of two wheels has before either
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
@@ -166,6 +168,9 @@ def readings(column: str) -> list[Reading]:
     place = int(control["place"])
     channel = _PX4_CONTROLS[place] if place < len(_PX4_CONTROLS) else ""
     return [Reading(channel, 3.0, f"PX4's control[{place}] of the first group")] if channel else []
+  if (output := _PX4_OUTPUTS.search(column)) is not None:
+    channel = "steering_command" if output["what"] == "servos" else "motor_duty"
+    return [Reading(channel, 3.0, f"PX4's first of actuator_{output['what']}")]
   words, unit = set(words_of(bracketed(column))), unit_of(column)
   bare = set(words_of(BRACKET.sub(" ", bracketed(column))))
   possible = []
