@@ -12,8 +12,9 @@ from qcar_twin.recordings.first_dataset.battery import settle_battery
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_pulse, scale
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
-from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.first_dataset.scales.series import correlation
+from qcar_twin.recordings.first_dataset.scales.turning import Turning
 from qcar_twin.recordings.first_dataset.speeds import follows
 from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
 
@@ -164,7 +165,7 @@ def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str, rates
   the turning goes more with the column itself, as with a yaw rate."""
   trial = dict(guesses)
   _add(columns, trial, "steering_command", name, "")
-  way, angle, turned = turning_of(recordings_of(columns, trial))
+  way, angle, turned = Turning.of(recordings_of(columns, trial)).gently
   alike = abs(correlation(way * angle, turned, 10))
   return 0.0 if rates and abs(correlation(angle, turned)) > alike else alike
 

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS, GRAVITY
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
 from qcar_twin.recordings.first_dataset.heading import contrary, goes_with
-from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.first_dataset.scales.series import correlation
+from qcar_twin.recordings.first_dataset.scales.turning import Turning
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import UNITS, unit_of, words_of
 
@@ -107,7 +108,7 @@ def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
   if not {"yaw_rate", "accel_y", "pose_yaw", "steering_command"} <= guesses.keys() or not contrary(recordings):
     return False
   by_heading = [r.replace(streams={c: s for c, s in r.streams.items() if c != "yaw_rate"}) for r in recordings]
-  speed, angle, turned = turning_of(by_heading)
+  speed, angle, turned = Turning.of(by_heading).gently
   agrees = correlation(speed * angle, turned, _LEAST) > ALIKE
   if not (agrees and goes_with(recordings) and _correlation(recordings, _going_round) > ALIKE):
     return False

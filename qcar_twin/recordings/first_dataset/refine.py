@@ -12,13 +12,14 @@ from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.pushes import is_lifted
 from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Bins, Suspect, compare, of_most
-from qcar_twin.recordings.completed import heading_or_course, with_speed
+from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading, unwrap_heading
 from qcar_twin.recordings.first_dataset.scales.clock import in_time
 from qcar_twin.recordings.first_dataset.scales.sensor import other_axes
 from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
+from qcar_twin.recordings.first_dataset.scales.turning import STEEPEST, Turning
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.row_clock import origin_of, stamps
@@ -39,18 +40,11 @@ _SAME_UNIT = (
 )
 _GEARS = {"gear", "gears", "direction", "dir"}
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
-_BIN = 0.25  # s, over which speed, command and turning are compared
-_LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command: a servo's 0.1 and a clock's
-_GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
 _TIED = 0.7  # correlation from which turning says what a steering command means
-_SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
-_TOLD_APART = 0.9  # squared cosine between the turning by the angle and by a trim, up to which both are told
-_TRIM, _LEAST = 0.35, 10  # of the largest command, beyond which it is a neutral and no trim; bins that tell any
-_BOTH_SIDES = 0.1  # of the turning to the other side, squared, from which a trim is told from a servo's curve
-_STEEPEST = 1.2  # rad, where the tangent is still tame
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
 _MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
+_LEAST = 10  # bins that tell how a car turned
 _LONGEST = 6.0  # m, of a lorry's wheelbase
 _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
 
@@ -229,12 +223,12 @@ def settle_steering(
     guess.scale, guess.offset = guess.scale * vehicle.max_steering, guess.offset * vehicle.max_steering
     guess.why.append(f"a share of full lock, {vehicle.max_steering:g} rad")
   guess.settled = True
-  rate, angle, turning = _turning(recordings_of(columns, guesses), vehicle, wheelbase)
-  alike = correlation(rate * angle, turning, 10)
+  turned = Turning.of(recordings_of(columns, guesses), rolling_radius(vehicle))
+  alike, angle = turned.alike(_LEAST), turned.gently[1]
   if abs(alike) < _TIED:
     return wheelbase
-  ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, alike)
-  if not ratio * np.abs(angle).max() < _STEEPEST:
+  ratio, sign = turned.ratio(wheelbase), math.copysign(1.0, alike)
+  if not ratio * np.abs(angle).max() < STEEPEST:
     guess.why.append("no angle turns a car as much as this one turned at its speed: look at speed and yaw rate first")
     return wheelbase
   if sign < 0.0:
@@ -257,71 +251,6 @@ def _unusual(ratio: float, angle: Array) -> bool:
   """Whether an angle of a usual size, scaled so, would be none that a car is steered with."""
   usual = np.abs(angle).max()
   return (ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual) or usual <= _MOST_LOCK < ratio * usual
-
-
-def _without_trim(rate: Array, angle: Array, turning: Array) -> Array:
-  """The angles from the one that the car goes straight on with, by least squares of turning = rate k (angle - trim); as
-  they are where the car hardly turned to both sides: a servo that is not linear looks so, too."""
-  turned = rate * angle
-  apart = (rate @ rate) * (turned @ turned) - (rate @ turned) ** 2
-  sides = np.sort([np.sum(turning[turning * rate * side > 0.0] ** 2) for side in (-1.0, 1.0)])
-  if rate.size < _LEAST or not apart > (1.0 - _TOLD_APART) * (rate @ rate) * (turned @ turned):
-    return angle
-  k, straight = np.linalg.lstsq(np.stack([turned, rate], axis=1), turning, rcond=None)[0]
-  trim = -straight / k if k != 0.0 else math.inf
-  return angle - trim if sides[0] > _BOTH_SIDES * sides[1] and abs(trim) < _TRIM * np.abs(angle).max() else angle
-
-
-def _ratio(rate: Array, angle: Array, turning: Array) -> float:
-  """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling, which runs away where no k does."""
-  ratio = 1.0
-  for _ in range(_SOLVED):
-    expected = rate * np.tan(np.clip(ratio * angle, -_STEEPEST, _STEEPEST))
-    ratio *= abs(float(expected @ turning / (expected @ expected)))
-  return ratio
-
-
-def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float) -> tuple[Array, Array, Array]:
-  """Speed over wheelbase [1/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently."""
-  speed, angle, turned = turning_of(recordings, rolling_radius(vehicle))
-  return speed / wheelbase, angle, turned
-
-
-def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Array, Array, Array]:
-  """Speed [m/s], commanded angle from its trim on [rad] and yaw rate [rad/s] in bins, where the car turns gently.
-
-  The command is read as long before the turning as makes the two go together best: servos and clocks lag.
-
-  Args:
-    radius: rolling radius of the wheels over the motor's angle, m, for logs without a speed.
-  """
-  read = [_binned(recordings, radius, lag) for lag in _LAGS]
-  bins = [(speed, _without_trim(speed, angle, turned), turned) for speed, angle, turned in read]
-  return bins[int(np.argmax([abs(correlation(speed * angle, turned)) for speed, angle, turned in bins]))]
-
-
-def _binned(recordings: Sequence[Recording], radius: float, lag: float) -> tuple[Array, Array, Array]:
-  """The same for a lag of the turning behind the command, s."""
-  parts = [np.empty((3, 0))]
-  for recording in recordings:
-    edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    if "steering_command" not in recording or middle.size == 0:
-      continue
-    if "yaw_rate" in recording:
-      turn = recording["yaw_rate"].interpolate(middle)
-    elif (heading := heading_or_course(recording)) is not None:
-      turn = np.diff(heading.interpolate(edges)) / _BIN
-    else:
-      continue
-    wheels = "speed" not in recording
-    speed = recording["motor_speed" if wheels else "speed"].interpolate(middle)
-    speed *= radius if wheels else 1.0
-    angle = recording["steering_command"].at(middle - lag)
-    there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
-    parts.append(np.stack([speed, angle, turn])[:, there])
-  speeds, angles, turned = np.concatenate(parts, axis=1)
-  return speeds, angles, turned
 
 
 def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle, place: bool = True) -> float | None:

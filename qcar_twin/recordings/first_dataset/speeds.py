@@ -15,8 +15,9 @@ from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import ALIKE, speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.motion import fit, motion_of
-from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.first_dataset.scales.series import correlation
+from qcar_twin.recordings.first_dataset.scales.turning import Turning
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import BRACKET, is_odrive, unit_of, words_of
 
@@ -255,7 +256,7 @@ def _settle_backward_heading(columns: Columns, guesses: dict[str, Guess], drive:
 
 
 def _turning(recordings: Sequence[Recording]) -> float:
-  speed, angle, turned = turning_of(recordings)
+  speed, angle, turned = Turning.of(recordings).gently
   return correlation(speed * angle, turned, _LEAST_MEANS)
 
 
