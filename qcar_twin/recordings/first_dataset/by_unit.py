@@ -14,6 +14,7 @@ from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.first_dataset.scales.series import correlation
+from qcar_twin.recordings.first_dataset.scales.speed import FOLLOWED, reached
 from qcar_twin.recordings.first_dataset.scales.turning import Turning
 from qcar_twin.recordings.first_dataset.speeds import follows
 from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
@@ -28,6 +29,7 @@ _ONLY = "the only column in such a unit, whatever it is called"
 _TURNS_A_MINUTE = {"rpm", "1/min", "tr/min", "u/min", "giri/min", "min-1", "min^-1"}  # that no gyro is read in
 # what a servo or the body did, and no command: a body rolls with its turning
 _MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported", "roll", "pitch", "rx", "ry"}
+_ACTIONS = {"action", "actions"}
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
 _FOLLOWS = 0.8  # correlation with the speed, lagged, from which it follows a command, as of two speeds
 _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
@@ -43,6 +45,7 @@ def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
   _steering(columns, guesses)
   _pulses(columns, guesses)
   _beside_the_steering(columns, guesses)
+  _actions(columns, guesses)
 
 
 def _only_ones(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -114,6 +117,33 @@ def _beside_the_steering(columns: Columns, guesses: dict[str, Guess]) -> None:
       f"it lies beside the steering in a message of commands, stays within 1, and the speed follows it ({alike:.2f})"
     )
     _add(columns, guesses, "motor_duty", best, why)
+
+
+def _actions(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Parts of an action, as environments of gymnasium call what they are given: the one that the car turned as steers;
+  what the speed follows is a commanded speed where it reaches that, else a duty, where it stays within 1."""
+  names = [name for name in _free(columns, guesses) if _ACTIONS & set(words_of(name))]
+  if names and "steering_command" not in guesses:
+    alike = {name: _turning_alike(columns, guesses, name, rates=True) for name in names}
+    best = max(names, key=lambda name: alike[name])
+    if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in names if name != best):
+      _add(
+        columns, guesses, "steering_command", best, f"a part of an action that the car turned as ({alike[best]:.2f})"
+      )
+      names.remove(best)
+  if not names or guesses.keys() & set(DRIVE_COMMANDS) or "speed" not in guesses:
+    return
+  best, alike_best = _followed(columns, guesses, names)
+  trial = {name: guesses[name] for name in ("time", "speed") if name in guesses}
+  _add(
+    columns, trial, "speed_command", best, f"a part of an action that the speed follows ({alike_best:.2f}) and reaches"
+  )
+  if alike_best > _FOLLOWS and 1.0 / FOLLOWED < reached(recordings_of(columns, trial), "speed_command") < FOLLOWED:
+    guesses["speed_command"] = trial["speed_command"]
+  elif alike_best > _FOLLOWS and columns.top(best) <= 1.0:
+    _add(
+      columns, guesses, "motor_duty", best, f"a part of an action, within 1, that the speed follows ({alike_best:.2f})"
+    )
 
 
 def _message(name: str) -> str:

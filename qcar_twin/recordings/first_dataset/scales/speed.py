@@ -24,7 +24,7 @@ _ONE_OF_TWO = 1.25  # factor between two units, within which accelerometers don'
 _LONGER = 1.5  # of the wheelbase that a log turns like, from which another unit of its speed would explain it
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _PLACES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-_FOLLOWED = 1.25  # factor between a commanded speed and the one that the place shows, within which it was reached
+FOLLOWED = 1.25  # factor between a commanded speed and the one that the place shows, within which it was reached
 _A_WHILE, _LEAST = 0.5, 20  # s under one command; samples that tell
 _ONE_SIZE = 2.0  # factor between a commanded speed and the one that was reached, within which they have one unit
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
@@ -68,8 +68,8 @@ def settle_letter(columns: Columns, guesses: dict[str, Guess]) -> None:
   if BRACKET.search(voltage.column) or all(one.channel != "speed_command" for one in readings(voltage.column)):
     return
   trial = {name: g for name, g in guesses.items() if name in ("time", "pose_x", "pose_y")}
-  ratio = _reached(recordings_of(columns, {**trial, "motor_voltage": voltage}))
-  unit = next((name for name, f in _PLACES.items() if 1.0 / _FOLLOWED < f * ratio < _FOLLOWED), None)
+  ratio = reached(recordings_of(columns, {**trial, "motor_voltage": voltage}), "motor_voltage")
+  unit = next((name for name, f in _PLACES.items() if 1.0 / FOLLOWED < f * ratio < FOLLOWED), None)
   if unit is None:
     return
   del guesses["motor_voltage"]
@@ -80,13 +80,13 @@ def settle_letter(columns: Columns, guesses: dict[str, Guess]) -> None:
     guesses[name].why.append(f"in {unit}, by '{voltage.column}' in m/s")
 
 
-def _reached(recordings: Sequence[Recording]) -> float:
-  """Speed over command, median where the command was more than half of its largest for a while; NaN without any."""
+def reached(recordings: Sequence[Recording], channel: str) -> float:
+  """Speed over a command, median where that was more than half of its largest for a while; NaN without any."""
   ratios = [np.empty(0)]
-  for recording in (r for r in recordings if "speed" in r and "motor_voltage" in r):
+  for recording in (r for r in recordings if "speed" in r and channel in r):
     speed = recording["speed"]
-    now, before = (np.abs(recording["motor_voltage"].at(speed.time - ago)) for ago in (0.0, _A_WHILE))
-    there = (now == before) & (now > 0.5 * np.max(np.abs(recording["motor_voltage"].value)))
+    now, before = (np.abs(recording[channel].at(speed.time - ago)) for ago in (0.0, _A_WHILE))
+    there = (now == before) & (now > 0.5 * np.max(np.abs(recording[channel].value)))
     ratios.append(np.abs(speed.value[there]) / now[there])
   ratio = np.concatenate(ratios)
   return float(np.median(ratio)) if ratio.size >= _LEAST else math.nan

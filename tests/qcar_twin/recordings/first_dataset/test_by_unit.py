@@ -120,3 +120,19 @@ def test_a_lone_column_in_turns_a_minute_is_the_motors_speed():
   made = propose("lab", [Table("run.csv", columns, {})])
   (line,) = [line for line in made.channels if line.startswith("motor_speed")]
   assert "Kardandrehzahl" in line and "scale = 0.1047" in line
+
+
+@pytest.mark.parametrize("speed", [True, False])
+def test_an_action_of_an_environment_steers_and_sets_a_speed_or_drives(tmp_path, speed):
+  """A part that the speed reaches is commanded in m/s; one within 1 that it only follows is a duty."""
+  random, time = np.random.default_rng(4), np.arange(3000) / 50.0
+  level, steering = np.repeat(random.uniform(0.5, 3.0, 20), 150), 0.2 * np.sin(1.1 * time)
+  reached = np.zeros(time.size)
+  for k in range(1, time.size):
+    reached[k] = reached[k - 1] + 0.02 * 5.0 * (level[k - 1] - reached[k - 1])
+  turned = reached * np.tan(steering) / 0.256
+  actions = np.stack([steering, level if speed else level / 8.0], axis=1)
+  np.savez(tmp_path / "run.npz", time=time, linear_vels_x=reached, ang_vels_z=turned, actions=actions)
+  text = propose("gym", [read_table(tmp_path / "run.npz")], wheelbase=0.256, mass=2.7).text
+  assert 'steering_command = { column = "actions[0]" }' in text
+  assert f'{"speed_command" if speed else "motor_duty"} = {{ column = "actions[1]"' in text
