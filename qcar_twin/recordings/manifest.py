@@ -26,6 +26,7 @@ class Mapped:
 
   `wrap`: an angle that jumps by turns is unwrapped; None where nobody said: it is, with a note.
   `late`: s by which the log has the channel later than it was. `signed_by`: the channel that has the sign it lacks.
+  `slope`: the column adds up, as an encoder's counts or an odometer's metres: a speed is what it changes by per second.
   Of the clock alone: `rate` [Hz] of a log without one, whose rows are 1 / rate apart; `steps`: each row has the time
   since the row before; `sort`: rows that were written out of order are sorted by time. Of the pose alone: `ahead` (on
   pose_x) and `left` (on pose_y), m from the centre of gravity to the point whose place the log has.
@@ -44,6 +45,7 @@ class Mapped:
   sort: bool = False
   ahead: float = 0.0
   left: float = 0.0
+  slope: bool = False
 
 
 @dataclass(frozen=True)
@@ -247,9 +249,9 @@ def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
   for key in () if channel == "time" else ("rate", "steps", "sort"):
     if key in table:
       raise RecordingError(f"{FILE_NAME}: {where}cannot have {key}, which belongs to time")
-  for key, only in (("ahead", "pose_x"), ("left", "pose_y")):
-    if key in table and channel != only:
-      raise RecordingError(f"{FILE_NAME}: {where}cannot have {key}, which belongs to {only}")
+  for key, only in (("ahead", ("pose_x",)), ("left", ("pose_y",)), ("slope", ("speed", "motor_speed"))):
+    if key in table and channel not in only:
+      raise RecordingError(f"{FILE_NAME}: {where}cannot have {key}, which belongs to {' and '.join(only)}")
   if channel == "time" and "rate" in table:
     return _fixed_rate(table, where)
   if "column" not in table:
@@ -267,6 +269,7 @@ def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
     sort=_flag(table, "sort", where),
     ahead=_number(table, "ahead", where),
     left=_number(table, "left", where),
+    slope=_flag(table, "slope", where),
   )
   if mapped.scale == 0.0:
     raise RecordingError(

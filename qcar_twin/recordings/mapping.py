@@ -18,6 +18,8 @@ from qcar_twin.recordings.row_clock import changed, changes_inside, clock_of, in
 
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
 _CONSTANT = 1.5  # times the longest usual run: from there one that lasts is nearer to two publications than to one
+_FINE, _LONGEST_SLOPE = 20.0, 0.1  # counts of a car that drives, and s, over which a speed is taken
+_COUNTERS, _BEGUN = (16, 32), 0.25  # bits of counters, and share of their range that a car counts between two samples
 _MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
 
 
@@ -121,7 +123,9 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
         f"{table.label}: {channel} jumps by more than half a turn ({often}) and is unwrapped; set "
         f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
-    streams[channel] = Stream(time[there] - mapping[channel].late, sampled)
+    stamp = time[there] - mapping[channel].late
+    slope = mapping[channel].slope
+    streams[channel] = slope_of(stamp, sampled, abs(mapping[channel].scale)) if slope else Stream(stamp, sampled)
   notes += [*table.notes, *again, *gone] + signs_said(
     table, {channel: mapped.column for channel, mapped in mapping.items()}
   )
@@ -131,6 +135,28 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
       "and are spread evenly between its stamps"
     )
   return _at_centre(streams, mapping, table.label), notes
+
+
+def slope_of(time: np.ndarray, value: np.ndarray, count: float) -> Stream:
+  """What adds up, (k,), as its change per second: over so many samples that a count more or less is a twentieth of
+  what a car that drives counts in them, and over 0.1 s at most; in the middle of those.
+
+  Args:
+    time: s.  value: an encoder's counts times `count`, the unit of one; counters of 16 and 32 bits begin anew.
+  """
+  step = np.diff(value)
+  for bits in _COUNTERS:
+    begun = np.abs(np.abs(step) / count - 2.0**bits) < _BEGUN * 2.0**bits
+    step = np.where(begun, step - np.sign(step) * count * 2.0**bits, step)
+  whole = np.r_[value[:1], value[0] + np.cumsum(step)]
+  usual = float(np.median(np.abs(step[step != 0.0]))) if step.any() else count
+  longest = int(_LONGEST_SLOPE / max(float(np.median(np.diff(time))), 1e-9)) if time.size > 1 else 1
+  over = int(np.clip(np.ceil(_FINE * count / usual), 1, max(longest, 1)))
+  ends = np.arange(0, time.size, over)
+  passed = np.diff(time[ends])
+  there = passed > 0.0
+  middle = 0.5 * (time[ends[1:]] + time[ends[:-1]])
+  return Stream(middle[there], np.diff(whole[ends])[there] / passed[there])
 
 
 def _at_centre(streams: dict[str, Stream], mapping: Mapping[str, Mapped], label: str) -> dict[str, Stream]:

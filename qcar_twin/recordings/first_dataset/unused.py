@@ -58,8 +58,9 @@ def _counter(name: str) -> str:
   if not set(words_of(name)) & _COUNTERS or set(words_of(name)) & {"time", "stamp", "row"} or unit_of(name) is not None:
     return ""
   return (
-    f"'{name}' seems to count an encoder's steps: a speed is their change (over a wrap, at 65536 say) per second; "
-    "write that as a column, in rad/s of the motor times 2 pi / steps per turn, and map it as motor_speed"
+    f"'{name}' seems to count an encoder's steps, and a speed is their change per second: map it as motor_speed = "
+    f'{{ column = "{name}", slope = true, scale = … }}, the scale 2 pi / steps per turn of the motor, or as speed, the '
+    "scale m per step"
   )
 
 
