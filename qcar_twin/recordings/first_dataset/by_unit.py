@@ -28,8 +28,9 @@ _ONE = {
 _ONLY = "the only column in such a unit, whatever it is called"
 _TURNS_A_MINUTE = {"rpm", "1/min", "tr/min", "u/min", "giri/min", "min-1", "min^-1"}  # that no gyro is read in
 # what a servo or the body did, and no command: a body rolls with its turning
-_MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported", "roll", "pitch", "rx", "ry"}
+_MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported", "roll", "pitch", "rx", "ry", "qpos", "qvel"}
 _ACTIONS = {"action", "actions"}
+_CONTROLS = {"ctrl"}  # of MuJoCo's actuators, whose drive may be a torque as well as a share
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
 _FOLLOWS = 0.8  # correlation with the speed, lagged, from which it follows a command, as of two speeds
 _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
@@ -122,7 +123,7 @@ def _beside_the_steering(columns: Columns, guesses: dict[str, Guess]) -> None:
 def _actions(columns: Columns, guesses: dict[str, Guess]) -> None:
   """Parts of an action, as environments of gymnasium call what they are given: the one that the car turned as steers;
   what the speed follows is a commanded speed where it reaches that, else a duty, where it stays within 1."""
-  names = [name for name in _free(columns, guesses) if _ACTIONS & set(words_of(name))]
+  names = [name for name in _free(columns, guesses) if (_ACTIONS | _CONTROLS) & set(words_of(name))]
   if names and "steering_command" not in guesses:
     alike = {name: _turning_alike(columns, guesses, name, rates=True) for name in names}
     best = max(names, key=lambda name: alike[name])
@@ -130,7 +131,8 @@ def _actions(columns: Columns, guesses: dict[str, Guess]) -> None:
       _add(
         columns, guesses, "steering_command", best, f"a part of an action that the car turned as ({alike[best]:.2f})"
       )
-      names.remove(best)
+  taken = {guess.column for guess in guesses.values()}
+  names = [name for name in names if name not in taken and _ACTIONS & set(words_of(name))]
   if not names or guesses.keys() & set(DRIVE_COMMANDS) or "speed" not in guesses:
     return
   best, alike_best = _followed(columns, guesses, names)

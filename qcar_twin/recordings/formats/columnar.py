@@ -24,6 +24,7 @@ pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound
 CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
 _BYTES = np.dtype(float).itemsize  # that a cell becomes, whatever a file holds it as
 _WIDEST = 16  # columns of an array that holds a row for each sample
+_NO_AXES = {"ctrl", "action", "actions", "qpos", "qvel"}  # arrays whose elements, though they be three, are no axes
 # "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
 _RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
@@ -92,7 +93,8 @@ def _vectors(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if array.ndim != 2 or not 1 < array.shape[1] <= _WIDEST < array.shape[0]:
       out[name] = array
       continue
-    marks = [f".{axis}" for axis in "xyz"] if array.shape[1] == 3 else [f"[{k}]" for k in range(array.shape[1])]
+    axes = array.shape[1] == 3 and not set(words_of(name)) & _NO_AXES
+    marks = [f".{axis}" for axis in "xyz"] if axes else [f"[{k}]" for k in range(array.shape[1])]
     out |= {f"{name}{mark}": column for mark, column in zip(marks, array.T, strict=True)}
   return out
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from qcar_twin.recordings.formats.axles import axle_means
+from qcar_twin.recordings.formats.generalised import of_a_free_joint
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import ELEMENT, VECTORS, unit_of, words_of
@@ -138,7 +139,7 @@ def of_cells(table: Table) -> dict[str, np.ndarray]:
 def composed(table: Table) -> Table:
   """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, one, in rad, for the
   yaw of every quaternion, those of vectors under names that say their axis, be they in cells of lists, those of
-  numbers with their unit, and the mean of an axle's wheels."""
+  numbers with their unit, the mean of an axle's wheels, and what MuJoCo's coordinates say of a car."""
   made = {name: values for name, values in of_cells(table).items() if name not in table}
   for seconds, (nanoseconds, name) in _stamps(table.columns).items():
     if name not in table and (parts := _numbers(table, (seconds, nanoseconds))) is not None:
@@ -157,6 +158,7 @@ def composed(table: Table) -> Table:
     if element not in table and name not in table.ambiguous and (parts := _numbers(table, (name,))) is not None:
       made[element] = parts[0]
   made |= axle_means(table)
+  made |= {name: values for name, values in of_a_free_joint(table).items() if name not in table}
   if (place := _place(table)) is not None:
     made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}
