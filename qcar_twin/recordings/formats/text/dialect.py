@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE, encoding_of
+from qcar_twin.recordings.formats.text.groups import is_number, marks_of
 from qcar_twin.recordings.formats.text.heads import motion_capture, stated_rate
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of
@@ -33,6 +34,7 @@ class Dialect:
     names: of the columns, where more than one line says them; else the first line that is not skipped does.
     headless: the first line holds numbers.
     rate: of the rows, Hz, where the lines above them state it.
+    groups: marks that may part the thousands of a number, each of them alone.
     clock, began: the column that counts from a date, and that date, s since 1970, where the lines above them state it.
   """
 
@@ -43,6 +45,7 @@ class Dialect:
   names: tuple[str, ...] = ()
   headless: bool = False
   rate: float | None = None
+  groups: str = ""
   clock: str = ""
   began: float = 0.0
 
@@ -118,13 +121,14 @@ def _of_lines(lines: Sequence[str], encoding: str) -> Dialect:
     above = _nearest(_stack(commented, cells, wide), cells)
   elif separator == SPACES:
     above = _nearest(above, cells)
-  decimal = "," if any(map(_COMMA.match, _cells(lines[first], separator))) else "."
+  likely = "," if any(map(_COMMA.match, cells[first])) else "."
+  decimal, groups = marks_of((cells[k] for k in content if k >= first), likely)
   if not above:
     below = cells[content[min(content.index(first) + 1, len(content) - 1)]]
     samples = all(_number(one) or not _number(other) for one, other in zip(cells[first], below, strict=False))
-    return Dialect(separator, decimal, encoding, first, headless=samples, rate=rate)
+    return Dialect(separator, decimal, encoding, first, headless=samples, rate=rate, groups=groups)
   names = _names([cells[k] for k in above]) if len(above) > 1 else ()
-  return Dialect(separator, decimal, encoding, first if names else above[0], names, rate=rate)
+  return Dialect(separator, decimal, encoding, first if names else above[0], names, rate=rate, groups=groups)
 
 
 def _separator(sample: str) -> tuple[str, int]:
@@ -164,7 +168,7 @@ def _number(cell: str) -> bool:
   try:
     float(cell)
   except ValueError:
-    return bool(_COMMA.match(cell))
+    return is_number(cell)
   return True
 
 

@@ -16,6 +16,7 @@ from qcar_twin.recordings.formats.columnar import opened, table_of_arrow
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.formats.text.counted import with_stated_rate
 from qcar_twin.recordings.formats.text.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
+from qcar_twin.recordings.formats.text.groups import without_groups
 from qcar_twin.recordings.formats.text.keyed import keyed_lines
 from qcar_twin.recordings.formats.text.tagged import messages_of, tagged_samples
 from qcar_twin.recordings.recording import RecordingError
@@ -44,6 +45,7 @@ def read_text(path: Path, label: str) -> Table:
     raise RecordingError(
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
     )
+  table = without_groups(table, dialect.decimal, dialect.groups, label)
   _refuse_words(table, label)
   if dialect.headless:
     table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])

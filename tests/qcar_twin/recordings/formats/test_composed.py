@@ -40,9 +40,9 @@ def test_numbers_with_one_unit_in_every_cell_have_it_in_their_name(tmp_path):
 
 
 def test_a_draft_says_why_numbers_in_another_spelling_are_not_read(tmp_path):
-  rows = [f'"{1e3 * t:,.1f}",0.3,0.1,1.0,on' for t in np.arange(300) / 50.0]
+  rows = [f'"{1e3 * t:_.1f}",0.3,0.1,1.0,on' for t in np.arange(300) / 50.0]
   text = propose("lab", [read(tmp_path, "time_ms,throttle,steering,speed,mode", rows)]).text
-  assert "column 'time_ms' has '1,000.0' in row 51, which is not a number" in text and "'mode' has" not in text
+  assert "column 'time_ms' has '1_000.0' in row 51, which is not a number" in text and "'mode' has" not in text
 
 
 def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
