@@ -111,10 +111,11 @@ def _smooth(values: Array) -> Array:
   return np.convolve(np.pad(values, _SMOOTH // 2, mode="edge"), np.full(_SMOOTH, 1.0 / _SMOOTH), "valid")
 
 
-def fit(one: Motion, other: Motion) -> Fit:
-  """The lag at which two files' speed and turning go together best, signs of turning aside. Where something was sensed
-  in both, that says the last half second of it: a car lags behind its commands."""
-  scores = [abs(r) if turning else r for turning, r in _each(one, other)]
+def fit(one: Motion, other: Motion, turned: int = 0) -> Fit:
+  """The lag at which two files' speed and turning go together best. Where something was sensed in both, that says the
+  last half second of it: a car lags behind its commands. `turned`: 1 where both count turning one way, -1 where they
+  count it against each other, 0 where it is unknown, and signs of turning are left aside."""
+  scores = [_signed(r, turned) if turning else r for turning, r in _each(one, other)]
   if not scores:
     return Fit(np.nan, 0.0, np.nan, np.nan)
   count = max(len(r) for r in scores)
@@ -128,17 +129,25 @@ def fit(one: Motion, other: Motion) -> Fit:
   at_zero = int(np.argmin(np.abs(lags)))
   stamped = float(mean[at_zero]) if abs(lags[at_zero]) <= _PERIOD else np.nan
   again = float(np.nanmax(mean[far])) if np.isfinite(mean[far]).any() else np.nan
-  sensed = _sensed(one, other, np.abs(lags - lags[best]) < _LATE) if not all((*one.sensed, *other.sensed)) else None
+  near = np.abs(lags - lags[best]) < _LATE
+  sensed = _sensed(one, other, near, turned) if not all((*one.sensed, *other.sensed)) else None
   fine, at = (mean, best) if sensed is None or len(sensed) != count else (sensed, int(np.nanargmax(sensed)))
   lag = float(lags[at]) + _PERIOD * _top(fine[at - 1 : at + 2])
   return Fit(float(mean[best]), lag, stamped, again, sensed is None and not all((*one.sensed, *other.sensed)))
 
 
-def _sensed(one: Motion, other: Motion, near: NDArray[np.bool_]) -> Array | None:
+def _signed(correlation: Array, turned: int) -> Array:
+  """Correlation of two turnings, (k,), as it counts."""
+  return turned * correlation if turned else abs(correlation)
+
+
+def _sensed(one: Motion, other: Motion, near: NDArray[np.bool_], turned: int) -> Array | None:
   """Mean correlation of what was measured in both, a wheel's speeding up and an accelerometer too, at the lags that are
   `near`, (k,), NaN at others; None where nothing was, or hardly goes together."""
   known = [
-    abs(r) if turning else r for turning, r in _each(one, other) if one.sensed[turning] and other.sensed[turning]
+    _signed(r, turned) if turning else r
+    for turning, r in _each(one, other)
+    if one.sensed[turning] and other.sensed[turning]
   ]
   for a, b, turned_round in ((one, other, False), (other, one, True)):
     if a.speed is None or not a.sensed[0] or not b.pushes:

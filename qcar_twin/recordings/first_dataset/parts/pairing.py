@@ -123,16 +123,16 @@ def paired(parts: Sequence[Part]) -> Drives | None:
   partners = _partners(cars, others)
   groups, said = [], []
   for car in cars:
-    other, why = partners.get(car.label, (None, ""))
+    other, why, turned = partners.get(car.label, (None, "", 0))
     if other is None:
       alone = "is read alone" if car.whole else "left out"
       said.append(f"{car.label}: {alone}, no other file is of its drive")
       groups += [((car, 0.0),)] if car.whole else []
       continue
-    shift, how = shift_of(car, other)
+    shift, how = shift_of(car, other, turned)
     said.append(f"{car.label}, {other.label}: parts of one drive {why}, joined by {how}")
     groups.append(((car, 0.0), (other, shift)))
-  taken = {other.label for other, _ in partners.values()}
+  taken = {other.label for other, _, _ in partners.values()}
   said += [f"{o.label}: left out, no file of commands is of its drive" for o in others if o.label not in taken]
   return Drives(tuple(groups), prefixes, tuple(said)) if partners else None
 
@@ -154,10 +154,10 @@ def _keys(kind: Sequence[Part], other: Sequence[Part]) -> dict[str, tuple[str, .
   return {part.label: tuple(word for word in part.words if word not in own) for part in kind}
 
 
-def _partners(cars: Sequence[Part], others: Sequence[Part]) -> dict[str, tuple[Part, str]]:
-  """By file of commands the one of the other kind, and why."""
+def _partners(cars: Sequence[Part], others: Sequence[Part]) -> dict[str, tuple[Part, str, int]]:
+  """By file of commands the one of the other kind, why, and which way the two count turning, as `fit` takes it."""
   if len(cars) == len(others) == 1:
-    return {cars[0].label: (others[0], "by their columns")}
+    return {cars[0].label: (others[0], "by their columns", 0)}
   keys, of_others = _keys(cars, others), _keys(others, cars)
   named = {
     car.label: same
@@ -169,39 +169,63 @@ def _partners(cars: Sequence[Part], others: Sequence[Part]) -> dict[str, tuple[P
     by_label = {car.label: car for car in cars}
     for label, (other,) in named.items():
       _confirm(by_label[label], other, cars)
-    return {label: (other, "by their names") for label, (other,) in named.items()}
+    return {label: (other, "by their names", 0) for label, (other,) in named.items()}
   shared = lambda car, other: min(car.moved.end, other.moved.end) - max(car.moved.start, other.moved.start)
   least = lambda car, other: _SHARED * min(p.moved.end - p.moved.start for p in (car, other))
-  by_clock = _mutual(cars, others, lambda car, other: float(shared(car, other) > least(car, other)), 0.5)
-  if by_clock:
-    return {label: (other, "by their clocks") for label, other in by_clock.items()}
-  alike = lambda car, other: fit(car.moved, other.moved).alike
-  by_motion = _mutual(cars, others, lambda car, other: -1.0 if math.isnan(r := alike(car, other)) else r, _ALIKE)
+  by_clock, unclear = _mutual(cars, others, lambda car, other: float(shared(car, other) > least(car, other)), 0.5)
+  if by_clock and not unclear:
+    return {label: (other, "by their clocks", 0) for label, other in by_clock.items()}
+  by_motion, turned = _by_motion(cars, others)
   if by_motion:
-    return {label: (other, "by their motion") for label, other in by_motion.items()}
+    return {label: (other, "by their motion", turned) for label, other in by_motion.items()}
   raise RecordingError(
     f"{cars[0].label}, {others[0].label} and {len(cars) + len(others) - 2} more: commands and motion lie in files of"
     f" their own, and neither names nor clocks nor motion tell which belong together; {_CURE}"
   )
 
 
+def _by_motion(cars: Sequence[Part], others: Sequence[Part]) -> tuple[dict[str, Part], int]:
+  """Partners by their motion, and which way the two kinds count turning, as `fit` takes it; none where it isn't clear.
+
+  Of a circle to the left and the same one to the right only that tells which is which. Two programs count all drives
+  one way, so that the pairs that are clear without it say it of the others.
+  """
+  alike = lambda car, other, way: -1.0 if math.isnan(r := fit(car.moved, other.moved, way).alike) else r
+  chosen, unclear = _mutual(cars, others, lambda car, other: alike(car, other, 0), _ALIKE)
+  ways = set()
+  for car in cars:
+    if car.label in chosen:
+      against, along = (alike(car, chosen[car.label], way) for way in (-1, 1))
+      ways |= (
+        {1 if along > against else -1} if max(along, against) > _ALIKE and abs(along - against) > _CLEAR else set()
+      )
+  if len(ways) > 1:
+    return {}, 0
+  turned = next(iter(ways), 0)
+  if unclear and turned:
+    chosen, unclear = _mutual(cars, others, lambda car, other: alike(car, other, turned), _ALIKE)
+  return ({}, 0) if unclear else (chosen, turned)
+
+
 def _mutual(
   cars: Sequence[Part], others: Sequence[Part], score: Callable[[Part, Part], float], least: float
-) -> dict[str, Part]:
-  """Partners that have each other and nobody else; none where a file has two that fit about as well."""
+) -> tuple[dict[str, Part], bool]:
+  """Partners that have each other and nobody else, and whether there is a file that has two that fit about as well."""
   table = {(car.label, other.label): score(car, other) for car in cars for other in others}
   chosen: dict[str, Part] = {}
+  unclear = False
   for car in cars:
     ranked = sorted(others, key=lambda other: -table[car.label, other.label])
     best = table[car.label, ranked[0].label]
-    rivals = [table[car.label, other.label] for other in ranked[1:]]
-    rivals += [table[rival.label, ranked[0].label] for rival in cars if rival is not car]
+    further = [table[car.label, other.label] for other in ranked[1:]]
+    further += [table[rival.label, ranked[0].label] for rival in cars if rival is not car]
     if best <= least:
       continue
-    if any(best - rival < _CLEAR for rival in rivals):
-      return {}
+    if any(best - other < _CLEAR for other in further):
+      unclear = True
+      continue
     chosen[car.label] = ranked[0]
-  return chosen
+  return chosen, unclear
 
 
 def _confirm(car: Part, other: Part, cars: Sequence[Part]) -> None:
@@ -219,13 +243,13 @@ def _confirm(car: Part, other: Part, cars: Sequence[Part]) -> None:
     )
 
 
-def shift_of(car: Part, other: Part) -> tuple[float, str]:
-  """Seconds to be added to the other's clock, and how that came about.
+def shift_of(car: Part, other: Part, turned: int = 0) -> tuple[float, str]:
+  """Seconds to be added to the other's clock, and how that came about; `turned`: as `fit` takes it.
 
   Raises:
     RecordingError: the clocks differ, and the motion doesn't say by how much.
   """
-  own: Fit = fit(car.moved, other.moved)
+  own: Fit = fit(car.moved, other.moved, turned)
   pair = f"{car.label}, {other.label}"
   together = min(car.moved.end, other.moved.end) - max(car.moved.start, other.moved.start)
   shared = together > _SHARED * min(p.moved.end - p.moved.start for p in (car, other))
