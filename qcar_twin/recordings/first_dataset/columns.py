@@ -71,13 +71,15 @@ class Columns:
   """The columns of several logs, as numbers.
 
   A sensor's column with a few words in it ("ERR") is one all the same: whoever reads the log names the rows.
+  `gear_ratio`: turns of a wheel per turn of the motor, where a person says it.
   """
 
-  def __init__(self, tables: Sequence[Table]):
+  def __init__(self, tables: Sequence[Table], gear_ratio: float | None = None):
     """Raises RecordingError: a column whose name means a channel occurs more than once, with other values."""
     for table in tables:
       if twice := [name for name in table.columns if name in table.ambiguous and readings(name)]:
         raise RecordingError(f"{table.label}: column '{twice[0]}' occurs more than once; rename or remove all but one")
+    self.gear_ratio = gear_ratio
     self.tables = [table.mostly_numbers() for table in tables]
     parts = {name for table in tables for name in parts_of_others(table.columns)}
     named = dict.fromkeys(name for table in tables for name in table.columns if name not in parts)
@@ -266,8 +268,9 @@ def scale(columns: Columns, guess: Guess) -> None:
       guess.scale = usual[0][1]
       guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
   if guess.channel == "motor_speed" and of_wheels(guess.column):
-    guess.scale /= QCAR.gear_ratio
-    guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
+    guess.scale /= (ratio := columns.gear_ratio or QCAR.gear_ratio)
+    known = ", as said" if columns.gear_ratio else ": correct both by yours"
+    guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {ratio:g}{known}")
 
 
 def _scale_time(columns: Columns, guess: Guess) -> None:

@@ -76,7 +76,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
   if not tables:
     raise RecordingError("no log was given; name at least one file")
   _check_said(said)
-  topics, columns = _fitting_map(tables), Columns(tables)
+  topics, columns = _fitting_map(tables), Columns(tables, said.get("gear_ratio"))
   known: Mapping[str, float | str] = topics.vehicle if topics else {}
   guesses = _mapped(topics, tables) if topics is not None else _named(columns)
   kind, why = _drive(guesses)

@@ -40,6 +40,15 @@ def test_wheels_without_a_unit_go_by_the_radius_that_was_said(tmp_path):
   assert "for rad/s set scale = 0.04 on speed" in question
 
 
+def test_a_wheels_turning_is_the_motors_by_the_gear_that_was_said(tmp_path):
+  time, own = wander(4)
+  columns = {"throttle": own["motor_voltage"] / 8.0, "steer": own["steering_command"], "gyro_z": own["yaw_rate"]}
+  table = read_table(write_csv(tmp_path / "run.csv", time, columns | {"wheel_rad_s": own["speed"] / 0.04}))
+  text = propose("car", [table], wheel_radius=0.04, gear_ratio=0.125).text
+  assert tomllib.loads(text)["channels"]["motor_speed"]["scale"] == pytest.approx(8.0)
+  assert "which a motor turns by gear_ratio = 0.125, as said" in text
+
+
 def test_the_rest_is_estimated_and_says_so(log):
   text = propose("car", [log], wheelbase=2.6).text
   estimated = [line for line in text.splitlines() if "estimated from the wheelbase of 2.6 m that was said" in line]
