@@ -195,14 +195,17 @@ def correlations(a: Array, b: Array, least: int) -> Array:
   size = 1 << int(np.ceil(np.log2(count)))
   known = [np.isfinite(v).astype(float) for v in (a, b)]
   filled = [np.where(k > 0.0, v - np.nanmean(v), 0.0) for v, k in zip((a, b), known, strict=True)]
-  spectrum = lambda v: np.fft.rfft(v, size)
-  slid = lambda v, w: np.fft.irfft(spectrum(v) * spectrum(w[::-1]), size)[:count]
-  shared = np.round(slid(known[0], known[1]))
+  spectra = [  # by file of what is known, its values and their squares
+    [np.fft.rfft(v, size) for v in (k[::turn], f[::turn], f[::turn] ** 2)]
+    for k, f, turn in zip(known, filled, (1, -1), strict=True)
+  ]
+  slid = lambda v, w: np.fft.irfft(spectra[0][v] * spectra[1][w], size)[:count]
+  shared = np.round(slid(0, 0))
   enough = np.maximum(shared, 1.0)
-  sums = slid(filled[0], known[1]), slid(known[0], filled[1])
-  squares = slid(filled[0] ** 2, known[1]), slid(known[0], filled[1] ** 2)
+  sums = slid(1, 0), slid(0, 1)
+  squares = slid(2, 0), slid(0, 2)
   spread = [np.maximum(square - total**2 / enough, 0.0) for square, total in zip(squares, sums, strict=True)]
-  product = slid(filled[0], filled[1]) - sums[0] * sums[1] / enough
+  product = slid(1, 1) - sums[0] * sums[1] / enough
   loud = [s > 1e-3 * float(s.max()) for s in spread]  # a stretch in which nothing changes tells nothing
   there = (shared >= least) & loud[0] & loud[1]
   return np.where(there, product / np.sqrt(np.where(there, spread[0] * spread[1], 1.0)), np.nan)
