@@ -29,7 +29,7 @@ _CHANNELS = 2  # columns that are channels by their names, of a log whose clock 
 _NOT_IN_TIME = f"no column of {MANY} rows and more is a clock, so that it is no log"
 _UNFIT = re.compile(r"[^\w.-]+")  # for a file's name
 _DOCUMENTS = (".json", ".jsonl", ".ndjson")  # logs, or results, settings and descriptions of logs
-_MAY_BE_NOTES = set(TEXTS) - {".csv", ".tsv"}  # of a folder those that hold a table are logs
+_MAY_BE_NOTES = set(TEXTS) - {".csv", ".tsv", ".vbo", ".lp"}  # of a folder those that hold a table are logs
 _NOTES = (".txt", ".log")
 
 

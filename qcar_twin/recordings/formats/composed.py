@@ -208,7 +208,7 @@ def _feels_gravity(three: np.ndarray) -> bool:
 def _place(table: Table) -> dict[str, np.ndarray] | None:
   """`gps.east` and `gps.north`, m from the first fix, of the only columns of latitude and longitude in degrees; on the
   ellipsoid WGS 84, by its radii of curvature there."""
-  pairs = [[name for name in table.columns if set(words_of(name)) & words] for words in (_LATITUDES, _LONGITUDES)]
+  pairs = [_saying(table, words) for words in (_LATITUDES, _LONGITUDES)]
   if [len(names) for names in pairs] != [1, 1]:
     return None
   parts = _numbers(table, (pairs[0][0], pairs[1][0]))
@@ -223,6 +223,13 @@ def _place(table: Table) -> dict[str, np.ndarray] | None:
   meridian, normal = _EQUATOR * (1.0 - _ECCENTRICITY) / flattened**1.5, _EQUATOR / np.sqrt(flattened)
   east = normal * np.cos(latitude[first]) * (longitude - longitude[first])
   return {"gps.east": east, "gps.north": meridian * (latitude - latitude[first])}
+
+
+def _saying(table: Table, words: set[str]) -> list[str]:
+  """Columns with one of these words in their names; of several those that say it in full: Lat_Acc is across the car."""
+  names = [name for name in table.columns if set(words_of(name)) & words]
+  full = {word for word in words if word.endswith("itude")}
+  return names if len(names) == 1 else [name for name in names if set(words_of(name)) & full]
 
 
 def _of_rotations(parts: np.ndarray) -> bool:

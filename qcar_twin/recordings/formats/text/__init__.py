@@ -11,4 +11,5 @@ READERS = {
   ".asc": "samples.read_text",
   ".tab": "samples.read_text",
   ".prn": "samples.read_text",
+  ".vbo": "vbox.read_vbo",
 }
