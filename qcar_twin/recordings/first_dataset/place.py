@@ -164,9 +164,10 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
       read.append((log, read_table(log.source, log.name)))
     except SeveralRecordings as error:
       print(f"{log.name}: holds {len(error.tables)} recordings, each written as a file of its own")
-      read += [
-        (Placed(log.source, table.label, copied=False, made=True), table) for table in _written_apart(log, error)
-      ]
+      for table in _written_apart(log, error):
+        read.append((Placed(log.source, table.label, copied=False, made=True), table))
+        for note in table.notes:  # which no longer stand in the file that is written
+          print(f"  {note}")
     except NoSamples as error:
       if len(logs) == 1:
         raise

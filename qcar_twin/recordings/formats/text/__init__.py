@@ -12,4 +12,5 @@ READERS = {
   ".tab": "samples.read_text",
   ".prn": "samples.read_text",
   ".vbo": "vbox.read_vbo",
+  ".lp": "line_protocol.read_line_protocol",
 }

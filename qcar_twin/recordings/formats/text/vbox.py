@@ -144,6 +144,8 @@ def _rows(lines: Sequence[str], names: Sequence[str], label: str) -> tuple[np.nd
         f"{label}: column '{names[place]}' has '{rows[bad[0]].split()[place][:_SHOWN]}' in row {bad[0] + 1}, which is"
         " not a number; correct that cell, or delete the row"
       )
+  if len(words) == len(names):
+    raise RecordingError(f"{label}: {_DATA} holds no numbers; write it again, or export it as .csv")
   notes = [f"{label}: column '{names[place]}' holds no numbers; left out" for place in words]
   if torn:
     notes.append(_torn(torn, rows, len(names), label))

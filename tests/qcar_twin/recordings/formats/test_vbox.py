@@ -79,6 +79,7 @@ def test_a_bad_row_is_refused_by_its_number(tmp_path, row, said):
     ("time,speed\n0,1\n", r"a.vbo: is no VBOX file: it has no section \[data\]; write it again"),
     ("[data]\n1 2\n", r"a.vbo: names no columns; add a section \[column names\]"),
     ("[column names]\ntime\n[data]\n1\n[data]\n1\n", r"a.vbo: has \[data\] twice"),
+    ("[column names]\ntime velocity\n[data]\na b\n", r"a.vbo: \[data\] holds no numbers; write it again"),
     ("[column names]\ntime velocity\n[data]\n", "a.vbo: has column names but no rows"),
   ],
 )
