@@ -7,7 +7,7 @@ from pathlib import Path
 
 from qcar_twin.extras import extra
 from qcar_twin.recordings.formats.messages import HEAVY, Row, row_of, topic_columns
-from qcar_twin.recordings.formats.table import Clocked, Table, merge
+from qcar_twin.recordings.formats.table import Clocked, Table, merge_kinds
 from qcar_twin.recordings.recording import RecordingError
 
 with extra("Reading ROS bags and MCAP files"):
@@ -48,7 +48,7 @@ def table_of(label: str, topics: list[Clocked]) -> Table:
     raise RecordingError(
       f"{label}: the bag holds no messages with numbers; record the topics of commands, encoder and IMU"
     )
-  return merge(label, topics)
+  return merge_kinds(label, topics)
 
 
 def _read_topics(reader: AnyReader, label: str) -> list[Clocked]:

@@ -31,6 +31,7 @@ class Table:
   `headless`: the file names no columns; they are called column_1, column_2 and so on.
   `unsigned`: columns whose negative numbers the file has without their sign, and the numbers' width, bits.
   `notes`: what was left out when the file was read.
+  `withheld`: columns that were left out, and why: what is said where one of them is asked for.
   """
 
   label: str
@@ -41,6 +42,7 @@ class Table:
   headless: bool = False
   unsigned: Mapping[str, int] = dataclasses.field(default_factory=dict)
   notes: tuple[str, ...] = ()
+  withheld: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
   @property
   def rows(self) -> int:
@@ -51,6 +53,8 @@ class Table:
 
   def number(self, column: str, channel: str) -> np.ndarray:
     """A numeric column (rows,). Raises RecordingError when it is missing, occurs twice, or holds text."""
+    if column in self.withheld:
+      raise RecordingError(self.withheld[column])
     if column not in self.columns:
       near = nearest(column, self.columns)
       near = near if near.startswith("; did") else "."
@@ -200,6 +204,29 @@ def merge(label: str, groups: Sequence[Clocked]) -> Table:
     for name, values in group.columns.items()
   }
   return Table(label, columns, gaps, notes=tuple(notes))
+
+
+def merge_kinds(label: str, groups: Sequence[Clocked]) -> Table:
+  """The same from a log's messages of several kinds. A kind whose stamps repeat wholesale, as the parameters that an
+  autopilot writes all at once, is no series of samples: it is left out with a note, and its columns are withheld.
+
+  Raises:
+    RecordingError: no kind is left.
+  """
+  again = [group.time.size - np.unique(group.time).size for group in groups]
+  kept = [group for group, count in zip(groups, again, strict=True) if count <= FEW * group.time.size]
+  notes, withheld = [], {}
+  for group, count in zip(groups, again, strict=True) if kept else ():
+    if count <= FEW * group.time.size:
+      continue
+    why = f"{count} of its {group.time.size} stamps repeat, so that these are no samples one after the other"
+    notes.append(f"{label}: messages of '{next(iter(group.columns), 'time')}' are left out: {why}")
+    withheld |= {
+      name: f"{label}: '{name}' was left out, {why}; map another column, or log it again with a stamp for each message"
+      for name in group.columns
+    }
+  table = merge(label, kept or groups)
+  return dataclasses.replace(table, notes=(*notes, *table.notes), withheld=withheld)
 
 
 def _each_stamp_once(group: Clocked) -> tuple[Clocked, np.ndarray]:

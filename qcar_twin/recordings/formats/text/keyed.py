@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.recordings.formats.table import Clocked, Table, merge
+from qcar_twin.recordings.formats.table import Clocked, Table, merge_kinds
 from qcar_twin.recordings.formats.text.encodings import LONGEST_LINE, encoding_of
 from qcar_twin.recordings.unit_names import UNITS
 
@@ -53,7 +53,7 @@ def keyed_lines(path: Path, label: str) -> Table | None:
   if not stamped:
     names = max(whole, key=lambda each: len(whole[each]), default=None)
     return None if names is None else _table(label, names, whole[names], lines)
-  return merge(label, [_message(names, rows) for names, rows in whole.items()]) if whole else None
+  return merge_kinds(label, [_message(names, rows) for names, rows in whole.items()]) if whole else None
 
 
 def _pairs(line: str) -> Mapping[str, float]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.recordings.formats.table import Clocked, Table, merge
+from qcar_twin.recordings.formats.table import Clocked, Table, merge_kinds
 
 _TAGS = {
   b"SIM_TRACE_LOG:": (
@@ -67,7 +67,7 @@ def messages_of(path: Path, label: str) -> Table | None:
     own = next((cells[columns.index(key)] for key in _INSTANCES if key in columns), "0")
     rows.setdefault(kind if own == "0" else f"{kind}_{own}", []).append(cells)
   groups = [_message(kind, names[kind.partition("_")[0]], cells) for kind, cells in rows.items()]
-  return merge(label, [group for group in groups if group.columns])
+  return merge_kinds(label, [group for group in groups if group.columns])
 
 
 def _message(kind: str, names: list[str], cells: list[list[str]]) -> Clocked:
