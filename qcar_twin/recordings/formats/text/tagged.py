@@ -49,6 +49,7 @@ def tagged_samples(path: Path) -> bytes | None:
 
 
 _MICROSECONDS, _INSTANCES = "TimeUS", ("I", "Instance")  # the clock, and which of several sensors
+_UNITS, _OF_INSTANCE = "FMTU", "#"  # the message that has the units of another's columns, and that of an instance
 
 
 def messages_of(path: Path, label: str) -> Table | None:
@@ -59,15 +60,23 @@ def messages_of(path: Path, label: str) -> Table | None:
       return None
   lines = [[cell.strip() for cell in line.split(",")] for line in path.read_text("utf-8", "replace").splitlines()]
   names = {line[3]: line[5:] for line in lines if line[0] == "FMT" and len(line) > 5}
+  types = {line[1]: line[3] for line in lines if line[0] == "FMT" and len(line) > 5}
+  units = {types[line[2]]: line[3] for line in lines if line[0] == _UNITS and len(line) > 3 and line[2] in types}
+  numbered = {kind: (*_numbered(names[kind], own), *_INSTANCES) for kind, own in units.items()}
   rows: dict[str, list[list[str]]] = {}
   for kind, *cells in lines:
     columns = names.get(kind, [])
     if kind == "FMT" or len(cells) != len(columns) or _MICROSECONDS not in columns:
       continue
-    own = next((cells[columns.index(key)] for key in _INSTANCES if key in columns), "0")
+    own = next((cells[columns.index(key)] for key in numbered.get(kind, _INSTANCES) if key in columns), "0")
     rows.setdefault(kind if own == "0" else f"{kind}_{own}", []).append(cells)
   groups = [_message(kind, names[kind.partition("_")[0]], cells) for kind, cells in rows.items()]
   return merge_kinds(label, [group for group in groups if group.columns])
+
+
+def _numbered(names: list[str], units: str) -> list[str]:
+  """The columns of a message that say which of several sensors or estimators it is of."""
+  return [name for name, unit in zip(names, units, strict=False) if unit == _OF_INSTANCE]
 
 
 def _message(kind: str, names: list[str], cells: list[list[str]]) -> Clocked:

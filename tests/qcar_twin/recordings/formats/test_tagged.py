@@ -6,6 +6,7 @@ import pytest
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
 
 
 def trace(episodes=3, steps=300):
@@ -62,3 +63,37 @@ def test_messages_that_a_log_describes_itself_keep_their_own_clocks(tmp_path):
   assert pulses[np.isfinite(pulses)].tolist() == [1500.0 + k for k in range(25)]
   assert np.nanmin(read.number("IMU_1.GyrZ", "yaw_rate")) == 1.0
   assert "MODE.Mode" not in read and "MODE.Rsn" in read
+
+
+PARAMETERS = "FMT, 140, 40, PARM, QNff, TimeUS,Name,Value,Default\n"
+
+
+def test_parameters_that_are_all_written_at_once_are_no_samples(tmp_path):
+  rows = [f"PARM, 37212000, SERVO{k}_MIN, {1100 + k}, 1100" for k in range(8)]
+  rows += [f"IMU, {20000 * k}, 0, {0.01 * k:.3f}, 0.5" for k in range(50)]
+  (tmp_path / "run.log").write_text(FORMATS + PARAMETERS + "\n".join(rows) + "\n", encoding="utf-8")
+  read = read_table(tmp_path / "run.log")
+  assert "IMU.GyrZ" in read and "PARM.Value" not in read and read.rows == 50
+  assert read.notes == (
+    "run.log: messages of 'PARM.Value' are left out: 7 of its 8 stamps repeat, so that these are no samples one after "
+    "the other",
+  )
+  with pytest.raises(RecordingError, match="'PARM.Value' was left out, 7 of its 8 stamps repeat.*map another"):
+    read.number("PARM.Value", "motor_duty")
+
+
+def test_messages_of_one_kind_alone_are_refused_where_their_stamps_repeat(tmp_path):
+  rows = [f"IMU, {20000 * (k // 2)}, 0, {0.01 * k:.3f}, 0.5" for k in range(50)]
+  (tmp_path / "run.log").write_text(FORMATS.replace("MODE, 9", "NOTE, 9") + "\n".join(rows), encoding="utf-8")
+  with pytest.raises(RecordingError, match="time of 'IMU.I' goes backwards or repeats in row 2"):
+    read_table(tmp_path / "run.log")
+
+
+def test_units_tell_which_column_numbers_the_instances(tmp_path):
+  about = "FMT, 141, 40, XKF1, QBf, TimeUS,C,GZ\nFMT, 142, 40, FMTU, QBNN, TimeUS,FmtType,UnitIds,MultIds\n"
+  about += "FMTU, 900000, 141, s#k, F--\nFMTU, 900000, 7, s, F\n"
+  rows = [f"XKF1, {20000 * k}, {core}, {0.1 * k + core:.1f}" for k in range(40) for core in (0, 1)]
+  (tmp_path / "run.log").write_text(FORMATS + about + "\n".join(rows), encoding="utf-8")
+  read = read_table(tmp_path / "run.log")
+  first, second = (values[np.isfinite(values)] for values in map(read.columns.get, ("XKF1.GZ", "XKF1_1.GZ")))
+  assert second - first == pytest.approx(np.ones(40)) and not any("XKF1" in note for note in read.notes)
