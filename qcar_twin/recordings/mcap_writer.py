@@ -21,6 +21,7 @@ import numpy as np
 from qcar_twin.atomic_io import whole_file
 from qcar_twin.extras import extra
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.formats.definitions import ACKERMANN
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError, Stream
 
@@ -28,11 +29,6 @@ with extra("Writing MCAP files"):
   from mcap.writer import Writer
   from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-_ACKERMANN = {
-  "ackermann_msgs/msg/AckermannDrive": "float32 steering_angle\nfloat32 steering_angle_velocity\nfloat32 speed\n"
-  "float32 acceleration\nfloat32 jerk\n",
-  "ackermann_msgs/msg/AckermannDriveStamped": "std_msgs/Header header\nackermann_msgs/AckermannDrive drive\n",
-}
 _FLOAT = "std_msgs/msg/Float64"
 _FRAME, _BODY = "map", "base_link"
 _NS = 1_000_000_000
@@ -47,7 +43,7 @@ class _Messages:
 
   def __init__(self) -> None:
     self.store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in _ACKERMANN.items():
+    for name, text in ACKERMANN.items():
       self.store.register(get_types_from_msg(text, name))
 
   def make(self, kind: str, *fields: Any) -> Any:

@@ -29,6 +29,7 @@ class Table:
   `ambiguous`: column names that occur more than once.
   `blanks`: whether the format can tell a blank cell from a NaN (CSV and Parquet can, NPZ and MAT cannot).
   `headless`: the file names no columns; they are called column_1, column_2 and so on.
+  `told`: the columns that the file has, in its order, where it names none and what wrote it is known by them.
   `unsigned`: columns whose negative numbers the file has without their sign, and the numbers' width, bits.
   `notes`: what was left out when the file was read.
   `withheld`: columns that were left out, and why: what is said where one of them is asked for.
@@ -43,6 +44,7 @@ class Table:
   unsigned: Mapping[str, int] = dataclasses.field(default_factory=dict)
   notes: tuple[str, ...] = ()
   withheld: Mapping[str, str] = dataclasses.field(default_factory=dict)
+  told: tuple[str, ...] = ()
 
   @property
   def rows(self) -> int:
@@ -86,19 +88,21 @@ class Table:
 
   def named(self, names: Sequence[str]) -> Table:
     """The columns of a file without a header under these names; RecordingError where their number differs."""
-    if not self.headless or not names:
+    own = self.told or tuple(self.columns)
+    if not (self.headless or self.told) or not names:
       return self
-    if len(names) != len(self.columns):
+    if len(names) != len(own):
       raise RecordingError(
-        f"{self.label}: has {len(self.columns)} columns, and columns in dataset.toml names {len(names)}; name each"
+        f"{self.label}: has {len(own)} columns, and columns in dataset.toml names {len(names)}; name each"
       )
-    new = dict(zip(self.columns, names, strict=True))
+    new = dict(zip(own, names, strict=True))
     return dataclasses.replace(
       self,
-      columns={new[old]: values for old, values in self.columns.items()},
-      not_a_number={new[old]: rows for old, rows in self.not_a_number.items()},
+      columns={name: self.columns[old] for old, name in new.items()},
+      not_a_number={name: self.not_a_number[old] for old, name in new.items() if old in self.not_a_number},
       headless=False,
-      unsigned={new[old]: bits for old, bits in self.unsigned.items()},
+      told=(),
+      unsigned={name: self.unsigned[old] for old, name in new.items() if old in self.unsigned},
     )
 
   def rows_in(self, order: np.ndarray) -> Table:

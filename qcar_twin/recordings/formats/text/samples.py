@@ -16,6 +16,7 @@ from qcar_twin.recordings.formats.columnar import opened, table_of_arrow
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.formats.text.counted import with_stated_rate
 from qcar_twin.recordings.formats.text.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
+from qcar_twin.recordings.formats.text.echoed import with_fields
 from qcar_twin.recordings.formats.text.groups import without_groups
 from qcar_twin.recordings.formats.text.keyed import keyed_lines
 from qcar_twin.recordings.formats.text.tagged import messages_of, tagged_samples
@@ -50,6 +51,7 @@ def read_text(path: Path, label: str) -> Table:
   if dialect.headless:
     table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])
   made = dataclasses.replace(table_of_arrow(table, label), headless=dialect.headless, notes=notes)
+  made = with_fields(made, table.schema.types, path) if dialect.headless else made
   return with_stated_rate(_dated(made, dialect), dialect.rate)
 
 
