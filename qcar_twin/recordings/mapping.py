@@ -44,7 +44,7 @@ def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
     for column in table.columns:
       _refuse_near_miss(table, column)
   for channel, mapped in mapping.items():
-    if mapped.column in table or channel in ("time", _drive(mapping)):
+    if mapped.column in table or mapped.column in table.withheld or channel in ("time", _drive(mapping)):
       resolved[channel] = mapped
   if "time" not in resolved:
     cure = 'add time = { column = "…" } to [channels], or time = { rate = … } in Hz where every row is one step'

@@ -6,6 +6,8 @@ import pytest
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.manifest import Mapped
+from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import RecordingError
 
 
@@ -80,6 +82,9 @@ def test_parameters_that_are_all_written_at_once_are_no_samples(tmp_path):
   )
   with pytest.raises(RecordingError, match="'PARM.Value' was left out, 7 of its 8 stamps repeat.*map another"):
     read.number("PARM.Value", "motor_duty")
+  mapped = {"time": "time", "motor_duty": "IMU.AccX", "yaw_rate": "IMU.GyrZ", "speed": "PARM.Value"}
+  with pytest.raises(RecordingError, match="'PARM.Value' was left out, 7 of its 8 stamps repeat"):
+    streams_of(read, resolve(read, {channel: Mapped(column) for channel, column in mapped.items()}))
 
 
 def test_messages_of_one_kind_alone_are_refused_where_their_stamps_repeat(tmp_path):
