@@ -224,10 +224,9 @@ def possible(columns: Columns, name: str, channel: str) -> bool:
   wheel's angle that only grows, beyond any steering wheel's, is that of its turning."""
   if channel == "time":
     return columns.rises(name)
-  if channel == "steering_command" and columns.top(name) > _ANY_ANGLE and columns.mostly_forward(name):
-    return False
-  clock = any(reading.channel == "time" for reading in readings(name))
-  return not columns.constant(name) and not (clock and columns.mostly_forward(name))
+  goes_on = any(reading.channel == "time" for reading in readings(name))
+  goes_on |= channel == "steering_command" and columns.top(name) > _ANY_ANGLE
+  return not columns.constant(name) and not (goes_on and columns.mostly_forward(name))
 
 
 def scale(columns: Columns, guess: Guess) -> None:
