@@ -61,7 +61,9 @@ def _row(recording: Recording, channel: str) -> tuple[Recording, np.ndarray, np.
     return None
   time, commands = recording.commands(PERIOD, (channel,))
   stream = recording[name]
-  return recording, time, commands[:, 0], np.interp(time, stream.time, stream.value)
+  known = (time >= stream.time[0] - PERIOD) & (time <= stream.time[-1] + PERIOD)  # of the rest nothing was measured
+  time, command = time[known], commands[known, 0]
+  return recording, time, command, np.interp(time, stream.time, stream.value)
 
 
 def _answered(stands: np.ndarray) -> np.ndarray:
