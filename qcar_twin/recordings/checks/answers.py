@@ -177,7 +177,7 @@ def _rows(drive: Drive) -> np.ndarray:
 def _any(mask: np.ndarray) -> np.ndarray:
   """Bins in which a mask of the grid holds anywhere."""
   count = round(_BIN / PERIOD)
-  return mask[: mask.size // count * count].reshape(-1, count).any(axis=1)
+  return np.asarray(np.any(mask[: mask.size // count * count].reshape(-1, count), axis=1))
 
 
 def _design(speed: np.ndarray, change: np.ndarray, across: np.ndarray) -> np.ndarray:

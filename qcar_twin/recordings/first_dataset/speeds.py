@@ -156,8 +156,8 @@ def follows(columns: Columns, guesses: dict[str, Guess], measured: str, commande
   if clock is None or clock.steps or not tables:
     return 0.0
   longest = Columns([max(tables, key=lambda table: table.number(measured, measured).size)])
-  moved = [motion_of(longest, {"time": clock, "speed": Guess("speed", name)}) for name in (measured, commanded)]
-  answer = fit(*moved)
+  later, first = (motion_of(longest, {"time": clock, "speed": Guess("speed", name)}) for name in (measured, commanded))
+  answer = fit(later, first)
   return answer.alike if math.isfinite(answer.alike) and answer.lag > 0.0 else 0.0
 
 
