@@ -44,7 +44,7 @@ UNITS: dict[str, tuple[str, float]] = {
     ("deg/s", "dps", "degs", "degps", "°/s", "degsec", "deg/sec", "degrees/s", "degrees/sec", "°/sec"),
     ("rad/s", math.pi / 180.0),
   ),
-  **dict.fromkeys(("mrad/s",), ("rad/s", 1e-3)),
+  **dict.fromkeys(("mrad/s", "mrads", "mradps"), ("rad/s", 1e-3)),
   **dict.fromkeys(("mdps", "mdeg/s"), ("rad/s", 1e-3 * math.pi / 180.0)),
   **dict.fromkeys(
     ("rpm", "1/min", "erpm", "tr/min", "u/min", "giri/min", "min-1", "min^-1"), ("rad/s", math.tau / 60.0)
@@ -54,10 +54,12 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("km/h", "kmh", "kph", "kmph"), ("m/s", 1 / 3.6)),
   **dict.fromkeys(("mph", "mi/h"), ("m/s", 0.44704)),
   **dict.fromkeys(("knots", "knot", "kts", "kt", "kn"), ("m/s", 1852.0 / 3600.0)),
-  **dict.fromkeys(("cm/s", "cmps"), ("m/s", 0.01)),
+  **dict.fromkeys(("cm/s", "cms", "cmps"), ("m/s", 0.01)),
   **dict.fromkeys(("in/s", "in/sec", "inches/s", "inches/sec"), ("m/s", 0.0254)),
-  **dict.fromkeys(("mm/s", "mmps"), ("m/s", 0.001)),
+  **dict.fromkeys(("mm/s", "mms", "mmps"), ("m/s", 0.001)),
   **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "mss"), ("m/s^2", 1.0)),
+  **dict.fromkeys(("cm/s2", "cm/s^2", "cm/s²", "cms2", "cmps2"), ("m/s^2", 0.01)),
+  **dict.fromkeys(("mm/s2", "mm/s^2", "mm/s²", "mms2", "mmps2"), ("m/s^2", 0.001)),
   **dict.fromkeys(("ft/s2", "ft/s^2", "ft/s²"), ("m/s^2", 0.3048)),
   **dict.fromkeys(("g",), ("m/s^2", GRAVITY)),
   **dict.fromkeys(("mg",), ("m/s^2", GRAVITY / 1000.0)),
@@ -124,6 +126,8 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
   *before, last = column.split() or [""]
   if before and (written := last.lower()) in UNITS and not written.isalpha():  # Throttle %, Speed m/s
     return (last, *UNITS[written])
+  if column.endswith("%"):  # throttle%
+    return ("%", *UNITS["%"])
   words = words_of(BRACKET.sub(" ", column))
   if any(speed <= set(words) for speed in _VESC_SPEEDS):
     return ("erpm", *UNITS["erpm"])

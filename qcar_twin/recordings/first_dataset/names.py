@@ -96,6 +96,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "rate rotation z",
     "angular speed|velocity|vel|rate !x|y|motor|wheel|command",
     "gyro|gyroscope !x|y",
+    "g z !acc|accel|acceleration|force",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|psip|psipunkt|yawdot|r",
     "w psi|yaw !command",
     "omega !motor|wheel|shaft|left|right|x|y|command",
@@ -104,13 +105,13 @@ _RULES: dict[str, tuple[str, ...]] = {
   "pose_x": (
     f"{_PLACES} x|px !acc|vel|velocity|rate",
     "px|tx",
-    "x",
+    "x !g|a",
     "east|easting !acc|vel|velocity|speed|rate",
   ),
   "pose_y": (
     f"{_PLACES} y|py !acc|vel|velocity|rate",
     "py|ty",
-    "y",
+    "y !g|a",
     "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": (

@@ -226,10 +226,12 @@ def _place(table: Table) -> dict[str, np.ndarray] | None:
 
 
 def _saying(table: Table, words: set[str]) -> list[str]:
-  """Columns with one of these words in their names; of several those that say it in full: Lat_Acc is across the car."""
+  """Columns with one of these words in their names; of several those that say it in full, else those that say nothing
+  else: Lat_Acc is across the car."""
   names = [name for name in table.columns if set(words_of(name)) & words]
   full = {word for word in words if word.endswith("itude")}
-  return names if len(names) == 1 else [name for name in names if set(words_of(name)) & full]
+  of_several = [name for name in names if set(words_of(name)) & full] or [n for n in names if len(words_of(n)) == 1]
+  return names if len(names) == 1 else of_several
 
 
 def _of_rotations(parts: np.ndarray) -> bool:
