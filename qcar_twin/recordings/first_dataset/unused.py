@@ -11,6 +11,8 @@ from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
 _COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer", "enc", "encoder"}
+_A_SECOND = ("/s", "_per_s", "_per_sec", "/sec", " per second")
+_ADDS_UP = 0.05  # of all steps, up and down, what a counter that adds up is on by in the end
 _MANY = 100  # steps, of a car that drove some metres by any encoder; a counter of laps or of gears has fewer
 _DIGITS = re.compile(r"^\s*[-+]?[\d.,]+")
 _BRAKES = {"brake", "brakes", "braking", "brk"}
@@ -19,7 +21,7 @@ _PRESSED = 0.05  # of its largest value, from which a brake is pressed
 
 def said_of(columns: Columns, name: str) -> str:
   """What to make of a column that is not used; empty for most."""
-  counted = _counter(name) if _counts(columns, name) else ""
+  counted = _counter(columns, name) if _counts(columns, name) else ""
   return _brakes(columns, name) or counted or _no_clock(columns, name) or _text(columns, name)
 
 
@@ -53,15 +55,30 @@ def _counts(columns: Columns, name: str) -> bool:
   return name in columns.names and float(np.ptp(columns.values(name))) >= _MANY
 
 
-def _counter(name: str) -> str:
+def _counter(columns: Columns, name: str) -> str:
   """What to make of an encoder's counts, which are no speed; empty for any other column, an odometer in km say."""
-  if not set(words_of(name)) & _COUNTERS or set(words_of(name)) & {"time", "stamp", "row"} or unit_of(name) is not None:
+  words = set(words_of(name))
+  if not words & _COUNTERS or words & {"time", "stamp", "row"}:
     return ""
+  mapped = f'map it as speed = {{ column = "{name}", scale = … }}, the scale m per step'
+  if name.lower().endswith(_A_SECOND):
+    return f"'{name}' counts an encoder's steps per second: {mapped}"
+  if unit_of(name) is not None:
+    return ""
+  if _comes_back(columns.values(name)):
+    return f"'{name}' seems to count an encoder's steps from row to row: {mapped} times rows per second"
   return (
     f"'{name}' seems to count an encoder's steps, and a speed is their change per second: map it as motor_speed = "
     f'{{ column = "{name}", slope = true, scale = … }}, the scale 2 pi / steps per turn of the motor, or as speed, the '
     "scale m per step"
   )
+
+
+def _comes_back(values: np.ndarray) -> bool:
+  """Whether counts are those since the row before, and go to and fro about 0 as a speed does; what adds up leaves 0 for
+  good, and takes many more steps than it turns back."""
+  steps = np.diff(values)
+  return float(np.abs(np.sum(steps))) < _ADDS_UP * float(np.sum(np.abs(steps))) and 0.0 in values[values.size // 2 :]
 
 
 def _no_clock(columns: Columns, name: str) -> str:

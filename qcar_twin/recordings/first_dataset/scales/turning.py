@@ -60,9 +60,11 @@ class Turning:
     return self.speed[there], self.angle[there], self.turned[there]
 
   def alike(self, least: int = 2) -> float:
-    """Correlation of the turning with what the steering asked for, where the car turned gently."""
+    """Correlation of the turning with what the steering asked for, the larger of that where the car turned gently and of
+    that in all bins: a car that was driven hard turned gently only where its servo lagged."""
     speed, angle, turned = self.gently
-    return correlation(speed * angle, turned, least)
+    gently, at_all = correlation(speed * angle, turned, least), correlation(self.speed * self.angle, self.turned, least)
+    return max(gently, at_all, key=abs)
 
   def ratio(self, wheelbase: float) -> float:
     """Least squares k > 0 of yaw rate = +-speed tan(k angle) / wheelbase, where a car so steered turns gently, by

@@ -98,7 +98,16 @@ def test_electrical_revolutions_are_asked_about_and_counts_are_no_speed(tmp_path
   table, proposal = log(tmp_path, time, columns)
   assert table["channels"]["motor_speed"]["scale"] == pytest.approx(np.pi / 60.0)
   assert "counts electrical revolutions" in proposal.questions[0]
-  assert "'encoder_ticks' seems to count an encoder's steps" in proposal.text
+  assert "'encoder_ticks' seems to count an encoder's steps, and a speed is their change" in proposal.text
+
+
+def test_counts_since_the_last_row_and_pulses_per_second_are_told_from_those_that_add_up(tmp_path):
+  time, own = driven()
+  counts = np.round(own["motor_speed"] * np.sign(np.sin(0.3 * time)))
+  columns = {"throttle": own["throttle"], "servo": own["steering_command"], "gyro_z": own["yaw_rate"]}
+  text = log(tmp_path, time, columns | {"enc_left": counts, "hall pulses/s": np.abs(counts)})[1].text
+  assert "'enc_left' seems to count an encoder's steps from row to row" in text
+  assert "'hall pulses/s' counts an encoder's steps per second" in text
 
 
 def test_the_speed_of_a_vesc_counts_electrical_revolutions(tmp_path):
