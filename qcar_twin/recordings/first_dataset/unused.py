@@ -75,10 +75,11 @@ def _counter(columns: Columns, name: str) -> str:
 
 
 def _comes_back(values: np.ndarray) -> bool:
-  """Whether counts are those since the row before, and go to and fro about 0 as a speed does; what adds up leaves 0 for
-  good, and takes many more steps than it turns back."""
+  """Whether counts are those since the row before, and go up and down as a speed does; what adds up ends far from where
+  it began, or falls all at once where its counter starts again."""
   steps = np.diff(values)
-  return float(np.abs(np.sum(steps))) < _ADDS_UP * float(np.sum(np.abs(steps))) and 0.0 in values[values.size // 2 :]
+  ends_near = np.abs(np.sum(steps)) < _ADDS_UP * np.sum(np.abs(steps))
+  return bool(ends_near and np.abs(steps).max() < 0.5 * np.ptp(values))
 
 
 def _no_clock(columns: Columns, name: str) -> str:

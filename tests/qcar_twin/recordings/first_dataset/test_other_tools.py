@@ -103,7 +103,7 @@ def test_electrical_revolutions_are_asked_about_and_counts_are_no_speed(tmp_path
 
 def test_counts_since_the_last_row_and_pulses_per_second_are_told_from_those_that_add_up(tmp_path):
   time, own = driven()
-  counts = np.round(own["motor_speed"] * np.sign(np.sin(0.3 * time)))
+  counts = np.round(own["motor_speed"] * np.sin(0.3 * time))
   columns = {"throttle": own["throttle"], "servo": own["steering_command"], "gyro_z": own["yaw_rate"]}
   text = log(tmp_path, time, columns | {"enc_left": counts, "hall pulses/s": np.abs(counts)})[1].text
   assert "'enc_left' seems to count an encoder's steps from row to row" in text
