@@ -22,7 +22,7 @@ _TOP = ("name", "command_timing", "description", "licence", "source", "map", "co
 
 @dataclass(frozen=True)
 class Mapped:
-  """How one log column becomes a channel: value = (scale * column + offset) * gate column.
+  """How one log column becomes a channel: value = (scale * (column - minus column) + offset) * gate column.
 
   `wrap`: an angle that jumps by turns is unwrapped; None where nobody said: it is, with a note.
   `late`: s by which the log has the channel later than it was. `signed_by`: the channel that has the sign it lacks.
@@ -46,6 +46,7 @@ class Mapped:
   ahead: float = 0.0
   left: float = 0.0
   slope: bool = False
+  minus: str | None = None
 
 
 @dataclass(frozen=True)
@@ -270,6 +271,7 @@ def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
     ahead=_number(table, "ahead", where),
     left=_number(table, "left", where),
     slope=_flag(table, "slope", where),
+    minus=_text(table, "minus", where, "") if "minus" in table else None,
   )
   if mapped.scale == 0.0:
     raise RecordingError(

@@ -194,17 +194,24 @@ def _blank(table: Table, channel: str, needed: bool, notes: list[str]) -> None:
 
 def _values(table: Table, channel: str, mapped: Mapped) -> np.ndarray:
   raw = table.number(mapped.column, channel)
+  if mapped.minus is not None:
+    raw = raw - _held(table, mapped.minus, "minus", channel)
   value = mapped.scale * raw + mapped.offset if (mapped.scale, mapped.offset) != (1.0, 0.0) else raw
   _refuse_bad_values(table, channel, mapped.column, value)
   if mapped.gate is None:
     return value
-  gate = table.number(mapped.gate, f"the gate of {channel}")
-  there = np.flatnonzero(~np.isnan(gate))
+  return value * _held(table, mapped.gate, "gate", channel)
+
+
+def _held(table: Table, column: str, role: str, channel: str) -> np.ndarray:
+  """A column that acts on another, (rows,): in each row the last value that was logged, before the first that one."""
+  values = table.number(column, f"the {role} of {channel}")
+  there = np.flatnonzero(~np.isnan(values))
   if there.size == 0:
     raise RecordingError(
-      f"{table.label}: gate column '{mapped.gate}' of {channel} is blank in every row; remove the gate or log it"
+      f"{table.label}: {role} column '{column}' of {channel} is blank in every row; remove the {role} or log it"
     )
-  return value * gate[there[np.maximum(np.searchsorted(there, np.arange(gate.size), side="right") - 1, 0)]]
+  return values[there[np.maximum(np.searchsorted(there, np.arange(values.size), side="right") - 1, 0)]]
 
 
 def _with_signs(table: Table, mapping: Mapping[str, Mapped], values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

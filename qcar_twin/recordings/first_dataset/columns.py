@@ -54,6 +54,7 @@ class Guess:
   hold: bool = False
   gate: str | None = None
   signed_by: str | None = None
+  minus: str | None = None
   steps: bool = False
   sort: bool = False
   named: bool = False
@@ -68,9 +69,8 @@ class Guess:
 
 
 class Columns:
-  """The columns of several logs, as numbers.
+  """The columns of several logs, as numbers. A sensor's with a few words in it ("ERR") is one all the same.
 
-  A sensor's column with a few words in it ("ERR") is one all the same: whoever reads the log names the rows.
   `gear_ratio`: turns of a wheel per turn of the motor, where a person says it.
   """
 

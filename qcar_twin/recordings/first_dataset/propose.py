@@ -18,6 +18,7 @@ from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, as_driven, share_out
+from qcar_twin.recordings.first_dataset.scales.brake import settle_brake
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
 from qcar_twin.recordings.first_dataset.scales.speed import (
   asked_of_speed,
@@ -93,6 +94,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
     settle_plane(columns, guesses)
     guesses = without_half_a_place(guesses)
     settle_way(columns, guesses)
+    settle_brake(columns, guesses, vehicle.wheelbase)
     settle_gravity(columns, guesses)
     unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
     settle_mount(columns, guesses)
@@ -261,7 +263,7 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
     entry |= {"offset": guess.offset} if guess.offset != 0.0 else {}
     entry |= {"wrap": True} if guess.wrap else {}
     entry |= {"hold": True} if guess.hold else {}
-    entry |= {key: name for key in ("gate", "signed_by") if (name := getattr(guess, key))}
+    entry |= {key: name for key in ("gate", "signed_by", "minus") if (name := getattr(guess, key))}
     entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
     inside = ", ".join(f"{key} = {as_value(value)}" for key, value in entry.items())
     why = [*guess.why, runner_up(columns, guess)]
@@ -271,7 +273,7 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
       "# time = { rate = … }  # needed: the log's rate in Hz, which no column tells, where every row is one step"
     )
   lines += [f'# {what} = {{ column = "…" }}  # needed, and no column says it is this; fill it in' for what in missing]
-  taken = {guess.column for guess in guesses.values()} | {guess.gate for guess in guesses.values()}
+  taken = {name for guess in guesses.values() for name in (guess.column, guess.gate, guess.minus)}
   over = [
     name for name in dict.fromkeys(name for table in columns.tables for name in table.columns) if name not in taken
   ]

@@ -7,6 +7,7 @@ import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns
 from qcar_twin.recordings.first_dataset.names import readings
+from qcar_twin.recordings.first_dataset.scales.brake import BRAKES, PRESSED
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
@@ -15,8 +16,6 @@ _A_SECOND = ("/s", "_per_s", "_per_sec", "/sec", " per second")
 _ADDS_UP = 0.05  # of all steps, up and down, what a counter that adds up is on by in the end
 _MANY = 100  # steps, of a car that drove some metres by any encoder; a counter of laps or of gears has fewer
 _DIGITS = re.compile(r"^\s*[-+]?[\d.,]+")
-_BRAKES = {"brake", "brakes", "braking", "brk"}
-_PRESSED = 0.05  # of its largest value, from which a brake is pressed
 
 
 def said_of(columns: Columns, name: str) -> str:
@@ -42,12 +41,13 @@ def _text(columns: Columns, name: str) -> str:
 
 def _brakes(columns: Columns, name: str) -> str:
   """What a brake that was used does to a log; empty for any other column."""
-  if name not in columns.names or not set(words_of(name)) & _BRAKES or columns.constant(name):
+  if name not in columns.names or not set(words_of(name)) & BRAKES or columns.constant(name):
     return ""
   values = columns.values(name)
-  share = float(np.mean(np.abs(values) > _PRESSED * np.abs(values).max()))
+  share = float(np.mean(np.abs(values) > PRESSED * np.abs(values).max()))
   said = f"'{name}' is pressed in {100.0 * share:.0f} % of its rows, and no channel is a brake"
-  return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
+  cure = f'set minus = "{name}" on the drive\'s command in [channels], if it is in one unit with it'
+  return f"{said}: cut those seconds out, or {cure}"
 
 
 def _counts(columns: Columns, name: str) -> bool:

@@ -60,8 +60,8 @@ class Turning:
     return self.speed[there], self.angle[there], self.turned[there]
 
   def alike(self, least: int = 2) -> float:
-    """Correlation of the turning with what the steering asked for, where the car turned gently or in all bins, whichever
-    is larger: a car that was driven hard turned gently only where its servo lagged."""
+    """Correlation of the turning with what the steering asked for, where the car turned gently or in all bins, the
+    larger: a car that was driven hard turned gently only where its servo lagged."""
     speed, angle, turned = self.gently
     gently, at_all = correlation(speed * angle, turned, least), correlation(self.speed * self.angle, self.turned, least)
     return max(gently, at_all, key=abs)
