@@ -173,7 +173,7 @@ def test_a_car_without_a_pose_has_no_heading_and_no_place(clean_pool):
   stretches = observations.stretches
   still = type(stretches.segments)(**{**vars(stretches.segments), "pose": None})
   cut = type(stretches)(still, stretches.first, stretches.last)
-  bare = type(observations)(**{**vars(observations), "stretches": cut})
+  bare = dataclasses.replace(observations, stretches=cut)
   assert heading(bare, prediction).shape == (*shape, 0) == places(bare, prediction).shape
   assert motion(bare, prediction).shape == (*shape, 15)
   assert past_commands(bare, prediction).shape == (*shape, 17)
