@@ -13,6 +13,7 @@ import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.clock_unit import check_clock_unit
+from qcar_twin.recordings.checks.driving import gaps
 from qcar_twin.recordings.checks.faults import (
   after_start,
   find_defects,
@@ -26,7 +27,7 @@ from qcar_twin.recordings.checks.pushes import without_lifted
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.steered import without_dead_steering, without_unsteered
 from qcar_twin.recordings.checks.supply import supply_notes
-from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
+from qcar_twin.recordings.checks.time import MIN_SAMPLES
 from qcar_twin.recordings.checks.units import check_limits, check_units, check_way, without_spikes
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
@@ -238,10 +239,7 @@ def _cut(
 ) -> tuple[list[Recording], list[str]]:
   """Cut where nothing was logged for long and where the pose jumps, without spans that are left out, s; pieces too
   short to use are dropped."""
-  time, _ = whole.columns()
-  steps = [float(np.median(np.diff(stream.time))) for stream in whole.streams.values() if len(stream) > 1]
-  step = min(steps, default=0.0)
-  after = np.flatnonzero(np.diff(time) > gap_limit(step)) + 1
+  time, after = gaps(whole)
   cuts = np.union1d(after, np.searchsorted(time, [jump.after for jump in jumps]).astype(int))
   spans = outside([(rows[0], rows[-1]) for rows in np.split(time, cuts)], out)
   counts = [_samples(whole, *span) for span in spans]

@@ -100,12 +100,12 @@ def command_per_speed(recordings: Sequence[Recording], channel: str) -> tuple[fl
 def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
   """Stretches in which the car neither moves as its command has asked for longer than any drive's lag, nor speeds up.
 
-  The usual command for a motion is the lower quantile over all driving of
+  The usual command for a motion is
 
       command = a speed + b d(speed)/dt + c (speed * yaw rate)^2 sign(speed) + friction sign(speed),
 
   the third what tyres take that push a car round, where a yaw rate was logged: else a car that is mostly driven in
-  circles, slower under more of a command, would seem to be all friction. It is the lower quantile,
+  circles, slower under more of a command, would seem to be all friction. Over all driving it is the lower quantile,
   since weak driving takes more. Where a battery's voltage was logged a duty is taken times it, so that only what the
   voltage doesn't explain is weak. A command that sets a force has none: in a slow turn the tyres take most of it.
   """

@@ -45,14 +45,19 @@ def driven(recordings: Sequence[Recording], channel: str) -> list[Drive]:
   return [Drive(*row, stands := np.abs(row[-1]) <= RESTS * top, _answered(stands)) for row in rows]
 
 
-def _without_gaps(recording: Recording) -> list[Recording]:
-  """Its parts, each logged throughout."""
+def gaps(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+  """Times at which anything was logged, s, (k,), and the rows of those before which nothing was logged for long."""
   time = np.unique(np.concatenate([stream.time for stream in recording.streams.values()]))
   steps = [float(np.median(np.diff(stream.time))) for stream in recording.streams.values() if len(stream) > 1]
-  gaps = np.flatnonzero(np.diff(time) > gap_limit(min(steps, default=0.0))) + 1
-  if not gaps.size:
+  return time, np.flatnonzero(np.diff(time) > gap_limit(min(steps, default=0.0))) + 1
+
+
+def _without_gaps(recording: Recording) -> list[Recording]:
+  """Its parts, each logged throughout."""
+  time, after = gaps(recording)
+  if not after.size:
     return [recording]
-  return [recording.window(part[0], part[-1]) for part in np.split(time, gaps) if part.size >= MIN_SAMPLES]
+  return [recording.window(part[0], part[-1]) for part in np.split(time, after) if part.size >= MIN_SAMPLES]
 
 
 def _row(recording: Recording, channel: str) -> tuple[Recording, np.ndarray, np.ndarray, np.ndarray] | None:

@@ -108,8 +108,7 @@ def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
   if not {"yaw_rate", "accel_y", "pose_yaw", "steering_command"} <= guesses.keys() or not contrary(recordings):
     return False
   by_heading = [r.replace(streams={c: s for c, s in r.streams.items() if c != "yaw_rate"}) for r in recordings]
-  speed, angle, turned = Turning.of(by_heading).gently
-  agrees = correlation(speed * angle, turned, _LEAST) > ALIKE
+  agrees = Turning.of(by_heading).alike(_LEAST) > ALIKE
   if not (agrees and goes_with(recordings) and _correlation(recordings, _going_round) > ALIKE):
     return False
   for name in ("yaw_rate", "accel_y"):

@@ -17,6 +17,7 @@ from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.motion import fit, motion_of
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.first_dataset.scales.series import correlation
+from qcar_twin.recordings.first_dataset.scales.speed import reached
 from qcar_twin.recordings.first_dataset.scales.turning import Turning
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import BRACKET, is_odrive, unit_of, words_of
@@ -29,7 +30,6 @@ _WHEEL = {"wheel", "wheels"}
 _PLACE = {"pose_x", "pose_y"}
 _LEAST = 10  # samples that a correlation is worth
 _MEAN, _LEAST_MEANS = 0.25, 20  # s, over which way and speed are compared, and how many of these tell anything
-_A_WHILE, _WHOLE = 0.5, 0.5  # s under one command, and share of the largest, from which a car goes as fast as it says
 # besides the command: an IMU that lies reversed and a steering to the right are usual by themselves, and a command that
 # counts back next to both is rarer than a speed that does
 _WITNESSES = 2
@@ -122,9 +122,9 @@ def settle_turns(
   guess = guesses.get("speed_command")
   if guess is None or (unit := unit_of(guess.column)) is None or unit[1] != CHANNELS["motor_speed"].unit:
     return
-  if (reached := _reached(recordings)) is not None:
-    guess.scale, guess.offset = guess.scale * reached, guess.offset * reached
-    guess.why.append(f"as fast as the car went under it: {reached:.4g} m to a rad")
+  if math.isfinite(metres := reached(recordings, "speed_command", measured=True)):
+    guess.scale, guess.offset = guess.scale * metres, guess.offset * metres
+    guess.why.append(f"as fast as the car went under it: {metres:.4g} m to a rad")
     return
   of_wheel = bool(_WHEEL & set(words_of(guess.column)))
   by = ("wheel_radius",) if of_wheel else ("gear_ratio", "wheel_radius")
@@ -132,21 +132,6 @@ def settle_turns(
   guess.scale, guess.offset = guess.scale * travel, guess.offset * travel
   whose, said = "a wheel" if of_wheel else "the motor", " and ".join(f"{key} {sizes[key]:.4g}" for key in by)
   guess.why.append(f"of {whose}, so times {said} of [vehicle]; correct it with them, no column tells them")
-
-
-def _reached(recordings: Sequence[Recording]) -> float | None:
-  """m per rad: a measured speed over the commanded one, median where that was more than half of its largest for 0.5 s;
-  None without."""
-  ratios = [np.empty(0)]
-  for recording in recordings:
-    if not {"speed", "speed_command"} <= set(recording.channels) or "speed" in recording.derived:
-      continue
-    speed, command = recording["speed"], recording["speed_command"]
-    now, before = (np.abs(command.at(speed.time - ago)) for ago in (0.0, _A_WHILE))
-    there = (now > _WHOLE * np.abs(command.value).max()) & (np.abs(now - before) < 0.05 * now)
-    ratios.append(np.abs(speed.value[there]) / now[there])
-  ratio = np.concatenate(ratios)
-  return float(np.median(ratio)) if ratio.size >= _LEAST_MEANS else None
 
 
 def follows(columns: Columns, guesses: dict[str, Guess], measured: str, commanded: str) -> float:
@@ -256,8 +241,7 @@ def _settle_backward_heading(columns: Columns, guesses: dict[str, Guess], drive:
 
 
 def _turning(recordings: Sequence[Recording]) -> float:
-  speed, angle, turned = Turning.of(recordings).gently
-  return correlation(speed * angle, turned, _LEAST_MEANS)
+  return Turning.of(recordings).alike(_LEAST_MEANS)
 
 
 def _along(recordings: Sequence[Recording]) -> float:

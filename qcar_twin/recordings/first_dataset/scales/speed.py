@@ -25,7 +25,11 @@ _LONGER = 1.5  # of the wheelbase that a log turns like, from which another unit
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _PLACES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 FOLLOWED = 1.25  # factor between a commanded speed and the one that the place shows, within which it was reached
-_A_WHILE, _LEAST = 0.5, 20  # s under one command; samples that tell
+_A_WHILE, _HELD, _LEAST = (
+  0.5,
+  0.05,
+  20,
+)  # s under one command, and share of it by which that may vary; samples that tell
 _ONE_SIZE = 2.0  # factor between a commanded speed and the one that was reached, within which they have one unit
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
 
@@ -80,13 +84,16 @@ def settle_letter(columns: Columns, guesses: dict[str, Guess]) -> None:
     guesses[name].why.append(f"in {unit}, by '{voltage.column}' in m/s")
 
 
-def reached(recordings: Sequence[Recording], channel: str) -> float:
-  """Speed over a command, median where that was more than half of its largest for a while; NaN without any."""
+def reached(recordings: Sequence[Recording], channel: str, measured: bool = False) -> float:
+  """Speed over a command, median where that was more than half of its largest for a while; NaN without any. `measured`:
+  a speed that comes of the place does not count."""
   ratios = [np.empty(0)]
   for recording in (r for r in recordings if "speed" in r and channel in r):
+    if measured and "speed" in recording.derived:
+      continue
     speed = recording["speed"]
     now, before = (np.abs(recording[channel].at(speed.time - ago)) for ago in (0.0, _A_WHILE))
-    there = (now == before) & (now > 0.5 * np.max(np.abs(recording[channel].value)))
+    there = (np.abs(now - before) < _HELD * now) & (now > 0.5 * np.max(np.abs(recording[channel].value)))
     ratios.append(np.abs(speed.value[there]) / now[there])
   ratio = np.concatenate(ratios)
   return float(np.median(ratio)) if ratio.size >= _LEAST else math.nan
