@@ -127,13 +127,18 @@ def diagnose(
   noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
-  diagnosis = _judged(begun, twin, pool, cut, clock, staged, effort.formula)
-  return Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
+  diagnosis = _judged(begun, twin, pool, cut, clock, staged)
+  outcome = Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
+  if effort.formula and diagnosis.decision.nameless:
+    staged.concluded(outcome)
+    clock.start(STAGE)
+    formula = formula_left(pool, diagnosis.decision, begun.dataset.role("holdout"), cut, clock.progress)
+    done = {"formula": formula, "seconds": clock.stop(), "stages": clock.stages}
+    outcome = dataclasses.replace(outcome, diagnosis=dataclasses.replace(diagnosis, **done))
+  return outcome
 
 
-def _judged(
-  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, clock: "_Clock", staged: Staged, formulas: bool
-) -> Diagnosis:
+def _judged(begun: Prepared, twin: Twin, pool: Pool, cut: Cut, clock: "_Clock", staged: Staged) -> Diagnosis:
   """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened for what is named."""
   clock.start("decision")
   dataset, evidence = begun.dataset, gather(pool, begun.dataset.name)
@@ -146,10 +151,6 @@ def _judged(
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   holdout, unseen = errors(decision.mechanisms, "holdout")
-  formula = None
-  if formulas and decision.nameless:
-    clock.start(STAGE)
-    formula = formula_left(pool, decision, dataset.role("holdout"), cut, clock.progress)
   return Diagnosis(
     dataset=dataset.name,
     decision=decision,
@@ -159,7 +160,6 @@ def _judged(
     validate=validate,
     holdout=holdout,
     replay=unseen or judging,
-    formula=formula,
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,

@@ -3,6 +3,8 @@
     staged/recalibrated.toml   the recalibrated twin, once it is fitted
     staged/ranking.json        mechanisms so far, best first: as scanned, then refitted and with claims
     staged/evidence.json       what the decision rests on, once the search is over
+    staged/report.html, diagnosis.json, twin.toml, ...
+                               the whole diagnosis, while a formula is sought for what stays unexplained
 
 The folder goes when the results stand. `--twin staged/recalibrated.toml` goes on from a stopped run: what was fitted is
 then the first guess.
@@ -17,15 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.decision.decide import Decision
-from calibration.diagnosis.decision.evidence import FILE as EVIDENCE
 from calibration.diagnosis.decision.evidence import Evidence, write_evidence
+from calibration.diagnosis.outcome import Outcome
+from calibration.diagnosis.report.demonstration import NOTHING_SHOWN
+from calibration.diagnosis.report.page import write_diagnosis
 from calibration.diagnosis.scan import Signature
 from qcar_twin.atomic_io import write_json
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.twin import Twin
 
 Rows = Sequence[tuple[str, float]]
-FOLDER, RANKING = "staged", "ranking.json"
+FOLDER, RANKING, BASE = "staged", "ranking.json", "recalibrated.toml"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,10 +41,10 @@ class Staged:
   def base(self, twin: Twin, theta: NDArray[np.float64], command_shift: int) -> None:
     """The recalibrated twin stands; `command_shift`: control periods by which its commands act later than logged."""
     if self.out:
-      for file in (RANKING, EVIDENCE):  # of another twin: of a run that was stopped, or of a search that began again
-        (self.out / FOLDER / file).unlink(missing_ok=True)
-      note = "recalibrated; the search is not over"
-      save_twin(self.out / FOLDER / "recalibrated.toml", twin, theta, note, command_shift)
+      for file in (self.out / FOLDER).glob("*"):  # of another twin: of a run that was stopped, or a search begun again
+        if file.name != BASE:  # replaced below, and never missing: a run may go on from it
+          file.unlink()
+      save_twin(self.out / FOLDER / BASE, twin, theta, "recalibrated; the search is not over", command_shift)
 
   def scanned(self, signatures: Mapping[str, Signature]) -> None:
     """Every mechanism was switched on once."""
@@ -52,6 +56,11 @@ class Staged:
     self._ranking("search", decision.ranking, [(c.mechanism, c.probability) for c in decision.claims])
     if self.out:
       write_evidence(self.out / FOLDER, evidence)
+
+  def concluded(self, outcome: Outcome) -> None:
+    """The diagnosis stands but for a formula; its report, without a film."""
+    if self.out:
+      write_diagnosis(outcome, self.out / FOLDER, NOTHING_SHOWN)
 
   def end(self) -> None:
     """The results stand."""

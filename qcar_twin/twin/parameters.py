@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.twin.engines import controller
 from qcar_twin.vehicle.mjcf import locked_damping, rim_mass
 from qcar_twin.vehicle.tyre import law_parameters, tyre_laws
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -146,7 +147,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
   out |= {name: wheelwise(value) for name, value in own.items()}
   zeros = ("driveline_damping", "differential_friction", "gravity_x", "gravity_y", "supply_sag")
   zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset", "steering_hold", "drive_hold")
-  zeros += ("one_way", "one_way_brake", "one_way_neutral", "one_way_weakness", "braked_at_first")
+  zeros += (*controller.QUANTITIES, "braked_at_first")
   return out | column | {name: np.zeros(size) for name in zeros}
 
 

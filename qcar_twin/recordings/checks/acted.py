@@ -54,22 +54,29 @@ def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float
   least = max(float(np.percentile(driving, WEAK)), np.finfo(float).tiny)
   return [
     Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
-    for d in held
-    for first, last, idle in runs(d.stands & (np.abs(d.command - neutral) >= least) & ~braked(d, channel, neutral))
+    for d, brakes in zip(held, braked(held, channel, neutral), strict=True)
+    for first, last, idle in runs(d.stands & (np.abs(d.command - neutral) >= least) & ~brakes)
     if idle and (last - first) * PERIOD >= _LEAST_IDLE
   ]
 
 
-def braked(drive: Drive, channel: str, neutral: float = 0.0) -> np.ndarray:
-  """Where a duty backwards, told while the car went forwards, goes on, (k,): a controller of a model car brakes by it,
-  and holds the car when it stands, until it was told neutral (mechanism drive_one_way, which every fit has)."""
-  held = np.zeros(drive.command.size, dtype=bool)
+def braked(held: Sequence[Drive], channel: str, neutral: float = 0.0) -> list[np.ndarray]:
+  """Where a duty backwards brakes, (k,) of each drive (mechanism drive_one_way, which every fit has).
+
+  Told while the car goes forwards it brakes, and holds the car when it stands, until it was told neutral. A controller
+  that no such duty ever drove backwards has no reverse, and brakes a car that stands, too, if that drives on later.
+  """
   if channel != "motor_duty":
-    return held
-  off = OFF * float(np.abs(drive.command - neutral).max(initial=0.0))
-  for first, last, back in runs(drive.command - neutral < -off):
-    held[first : last + 1] = back and drive.speed[first] > 0.0 and not drive.stands[first]
-  return held
+    return [np.zeros(drive.command.size, dtype=bool) for drive in held]
+  off = [-OFF * float(np.abs(drive.command - neutral).max(initial=0.0)) for drive in held]
+  back = [drive.command - neutral < least for drive, least in zip(held, off, strict=True)]
+  forwards = [~drive.stands & (drive.speed > 0.0) for drive in held]
+  backwards = [~drive.stands & (drive.speed < 0.0) & told for drive, told in zip(held, back, strict=True)]
+  reverses, masks = any(mask.any() for mask in backwards), [np.zeros(told.size, dtype=bool) for told in back]
+  for goes, told, mask in zip(forwards, back, masks, strict=True):
+    for first, last, against_ in runs(told):
+      mask[first : last + 1] = against_ and bool(goes[first] or (not reverses and goes[last + 1 :].any()))
+  return masks
 
 
 def against(recordings: Sequence[Recording], channel: str) -> bool:

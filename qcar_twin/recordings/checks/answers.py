@@ -123,7 +123,7 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
   least = float(np.percentile(np.abs(command[moving]), WEAK))
   holds = min(least, _STICKS * line[-1] + _SURE * spread) if line[-1] > 0.0 else least
   stretches = []
-  for d, (_, asked, speed, change, across) in zip(held, rows, strict=True):
+  for d, brakes, (_, asked, speed, change, across) in zip(held, braked(held, channel), rows, strict=True):
     way, friction = np.sign(asked), line[-1]
     missing = np.abs(asked) - friction - way * (_design(speed, change, across)[:, :-1] @ line[:-1])
     weak = (
@@ -133,7 +133,7 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
       & (way * change < _SPEEDS_UP * top)
     )
     weak &= missing > np.maximum((1.0 - _ANSWERED) * (np.abs(asked) - friction), _SURE * spread)
-    weak &= ~_any(braked(d, channel))
+    weak &= ~_any(brakes)
     begin = float(d.time[0]) if d.time.size else 0.0
     for first, last in _parts(weak, answers=~weak & (np.abs(speed) > RESTS * top)):
       stretches.append(Stretch(d.recording, channel, begin + first * _BIN, begin + (last + 1) * _BIN))

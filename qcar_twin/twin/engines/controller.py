@@ -13,7 +13,7 @@ from qcar_twin.twin.engines import Array
 CORNER = 0.02  # V
 NEUTRAL = 0.02  # of the supply, stated prior: twice a step of pulses that are told in hundredths
 STANDS = 0.1  # V of back-EMF, stated prior: what a controller takes for a motor that stands
-QUANTITIES = ("one_way", "one_way_brake", "one_way_neutral", "one_way_weakness")
+QUANTITIES = ("one_way", "one_way_brake", "one_way_neutral", "one_way_weakness", "one_way_reverse")
 FREE, BRAKED, ON_ITS_WAY = 0.0, 1.0, 2.0  # the brake holds; it does, by a command that has not come through yet
 
 
@@ -32,10 +32,10 @@ def acting(command: Array, back_emf: Array, braked: Array, shares: Array, supply
   """Voltage that acts on the motor as one of four quadrants would have it, V, (N,), and what the brake does then.
 
   Args:
-    command, back_emf: V, (N,).  braked: FREE, BRAKED or ON_ITS_WAY, (N,).  shares: of QUANTITIES, (4, N).
+    command, back_emf: V, (N,).  braked: FREE, BRAKED or ON_ITS_WAY, (N,).  shares: of QUANTITIES, (5, N).
     supply: V, that a duty of 1 is.
   """
-  one_way, brake, neutral, weakness = shares
+  one_way, brake, neutral, weakness, never = shares
   way = np.where(back_emf < 0.0, -1.0, 1.0)
   along, back = command * way, back_emf * way
   idle, moves = _told(command, back_emf, supply)
@@ -45,9 +45,10 @@ def acting(command: Array, back_emf: Array, braked: Array, shares: Array, supply
   shorted = np.minimum(np.abs(command) / supply, 1.0) * (1.0 - weakness)
   beyond = np.maximum(back - along, 0.0)
   stopped = beyond * beyond / (beyond + CORNER)
-  braking = brake * np.where(held, 1.0, moves) * (back * (1.0 - shorted) - along)
+  braked_by = brake * np.where(held, 1.0, np.where(back_emf > 0.0, moves, 0.0))
+  braked_by = np.where(command < 0.0, 1.0 - (1.0 - braked_by) * (1.0 - never), 0.0)
   driving = np.where(along >= 0.0, one_way * stopped, 0.0)
-  told = np.where(((command < 0.0) & (back_emf > 0.0)) | held, braking, driving)
+  told = braked_by * (back * (1.0 - shorted) - along) + (1.0 - braked_by) * driving
   volts = command + way * (idle * neutral * stopped + (1.0 - idle) * told)
   return volts, np.where(held, BRAKED, np.where(waits, ON_ITS_WAY, FREE))
 

@@ -151,9 +151,9 @@ class Model(Protocol):
   `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
   `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `steering_hold` [periods, below 2, for which
   the servo still goes to the angles told before], `drive_hold` [periods, below 2, for which the motor still gets what
-  it got before], `one_way`, `one_way_brake`, `one_way_neutral`, `one_way_weakness` [-, shares of a speed controller],
-  `braked_at_first` [what its brake does at a start, engines/controller.py], `ackermann_fraction` [-], `added_mass`
-  [kg], `added_mass_x` [m, from the CG], `added_mass_y` [m],
+  it got before], `one_way`, `one_way_brake`, `one_way_neutral`, `one_way_weakness`, `one_way_reverse` [-, shares of a
+  speed controller], `braked_at_first` [what its brake does at a start, engines/controller.py], `ackermann_fraction`
+  [-], `added_mass` [kg], `added_mass_x` [m, from the CG], `added_mass_y` [m],
   `cg_height_offset` [m], `cg_lateral_offset` [m].
   """
 

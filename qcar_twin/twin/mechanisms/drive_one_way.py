@@ -16,8 +16,9 @@ class DriveOneWay(Mechanism):
   Equation: with u and e (back-EMF) counted along the motion, u' = u + x max(e - u, 0) where u drives (diodes stop what
   would flow back) and u' = u + z max(e - u, 0) at neutral, w = 1 / (1 + (u / 0.02 U)^4). A command backwards brakes a
   car that rolls forwards: u' = u + y (e (1 - (1 - g) |u| / U) - u), the motor is shorted for |u| / U of the time; it
-  does not drive it backwards before it was told neutral. One forwards always drives.
-  Units: x, y, z, g -: 0 is four quadrants and a short circuit at neutral; U V, of the supply; u, e V.
+  does not drive it backwards before it was told neutral. One forwards always drives. A controller without reverse
+  brakes by any command backwards: of what acts then it is the share n.
+  Units: x, y, z, g, n -: 0 is four quadrants and a short circuit at neutral; U V, of the supply; u, e V.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives of one and two quadrants).
   Size: stated prior: 0.5 is the middle of the range from 0 to 1. Any is usual, so every model fits all of it, and no
     diagnosis names it.
@@ -29,7 +30,13 @@ class DriveOneWay(Mechanism):
   stage = "contact"
   fitted_rank = 25
   drives = ("duty",)
-  whole = ("drive_one_way", "drive_one_way_brake", "drive_one_way_neutral", "drive_one_way_weakness")
+  whole = (
+    "drive_one_way",
+    "drive_one_way_brake",
+    "drive_one_way_neutral",
+    "drive_one_way_weakness",
+    "drive_one_way_reverse",
+  )
   parameters = (
     Parameter(
       "drive_one_way", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.5, description="no braking while it drives"
@@ -51,6 +58,7 @@ class DriveOneWay(Mechanism):
       typical=0.5,
       description="strength that the brake lacks",
     ),
+    Parameter("drive_one_way_reverse", 0.0, 0.0, 1.0, "-", "n", null=0.0, typical=0.5, description="no reverse"),
   )
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:

@@ -63,6 +63,7 @@ NUMBERS = (
   "ONE_WAY_BRAKE",
   "ONE_WAY_NEUTRAL",
   "ONE_WAY_WEAKNESS",
+  "ONE_WAY_REVERSE",
   "BRAKED_AT_FIRST",
   "DRIVE_HOLD",  # periods for which the motor still gets what it got before
   "ACKERMANN",  # half difference of the road-wheel angles per squared mean, 1/rad

@@ -272,9 +272,10 @@ INLINE V controlled(const Cars* a, V told, V back_emf, V* braked) {
   *braked = pick(held, all(1), pick((*braked > 1.5) & ~active, all(2), all(0)));
   V shorted = least(absolute(told) * (1 / C[C_DUTY_SUPPLY]), all(1)) * (1 - number(a, P_ONE_WAY_WEAKNESS));
   V beyond = most(back - along, all(0)), stopped = beyond * beyond / (beyond + C[C_CORNER]);
-  V braking = number(a, P_ONE_WAY_BRAKE) * pick(held, all(1), moves) * (back * (1 - shorted) - along);
+  V braked_by = number(a, P_ONE_WAY_BRAKE) * pick(held, all(1), pick(back_emf > 0, moves, all(0)));
+  braked_by = pick(told < 0, 1 - (1 - braked_by) * (1 - number(a, P_ONE_WAY_REVERSE)), all(0));
   V driving = pick(along >= 0, number(a, P_ONE_WAY) * stopped, all(0));
-  V switched = pick(((told < 0) & (back_emf > 0)) | held, braking, driving);
+  V switched = braked_by * (back * (1 - shorted) - along) + (1 - braked_by) * driving;
   return told + way * (idle * number(a, P_ONE_WAY_NEUTRAL) * stopped + (1 - idle) * switched);
 }
 

@@ -176,6 +176,18 @@ def test_a_car_that_stands_and_is_then_told_backwards_is_not_braked():
   assert unanswered_stretches([Recording.from_columns("run", time, columns)], "motor_duty")
 
 
+@pytest.mark.parametrize("reverses", [False, True])
+def test_a_duty_backwards_that_never_drove_a_car_backwards_brakes_it_at_rest_too(reverses):
+  """Told neutral in between, one with a reverse would set off."""
+  time, columns = stopping()
+  again = (time % 6.0 >= 5.0) & (time % 6.0 < 5.8) & (time < 84.0)  # after the stop, and the next start follows
+  columns["motor_duty"] = np.where(again, -0.4, np.where(time % 6.0 >= 4.8, 0.0, columns["motor_duty"]))
+  columns["speed"] = np.where(time % 6.0 >= 4.8, 0.0, columns["speed"])
+  columns["speed"] = np.where(again & (time < 12.0) & reverses, -1.0, columns["speed"])
+  idle = unanswered_stretches([Recording.from_columns("run", time, columns)], "motor_duty")
+  assert bool(idle) is reverses
+
+
 def test_a_car_that_goes_slower_round_circles_under_more_of_a_command_answers():
   random, time = np.random.default_rng(5), np.arange(12000) / 50.0
   circles = time > 12.0

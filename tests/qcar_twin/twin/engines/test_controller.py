@@ -13,9 +13,10 @@ from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import QCAR
 
 SUPPLY, BACK = 8.0, 1.0  # V
-ALL = (1.0, 1.0, 1.0, 0.0)  # diodes, chopped braking, open at neutral, a brake of full strength
+ALL = (1.0, 1.0, 1.0, 0.0, 0.0)  # diodes, chopped braking, open at neutral, a brake of full strength, and a reverse
 DUTY_CAR = dataclasses.replace(QCAR, drive="duty", supply_voltage=SUPPLY)
 WHOLE = {f"drive_one_way{name}": share for name, share in zip(("", "_brake", "_neutral"), ALL, strict=False)}
+FORWARDS = WHOLE | {"drive_one_way_reverse": 1.0}
 
 
 def acting(shares, commands, back_emf, braked=FREE) -> np.ndarray:
@@ -31,31 +32,40 @@ def acting(shares, commands, back_emf, braked=FREE) -> np.ndarray:
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_it_does_not_brake_while_it_drives(way):
-  volts = acting((1.0, 0.0, 0.0, 0.0), way * np.array([0.6, BACK, 3.0]), way * BACK)
+  volts = acting((1.0, 0.0, 0.0, 0.0, 0.0), way * np.array([0.6, BACK, 3.0]), way * BACK)
   np.testing.assert_allclose(way * volts, [BACK, BACK, 3.0], atol=0.03)
 
 
 def test_four_quadrants_brake_as_far_as_the_command_is_below_the_back_emf():
-  volts = acting((0.5, 0.0, 0.0, 0.0), [0.6, 3.0], BACK)
+  volts = acting((0.5, 0.0, 0.0, 0.0, 0.0), [0.6, 3.0], BACK)
   np.testing.assert_allclose(volts, [0.5 * (0.6 + BACK), 3.0], atol=0.03)
 
 
 @pytest.mark.parametrize(("weakness", "strength"), [(0.0, 1.0), (0.4, 0.6)])
 def test_it_brakes_by_a_short_circuit_for_a_share_of_the_time(weakness, strength):
   """Half of the supply shorts the motor for half of the time: half of the back-EMF drives current."""
-  volts = acting((0.0, 1.0, 0.0, weakness), [-SUPPLY / 2, -SUPPLY], BACK)
+  volts = acting((0.0, 1.0, 0.0, weakness, 0.0), [-SUPPLY / 2, -SUPPLY], BACK)
   np.testing.assert_allclose(volts, BACK - BACK * strength * np.array([0.5, 1.0]), atol=0.02)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.3])
 def test_at_neutral_it_lets_go_or_drags(share):
-  np.testing.assert_allclose(acting((0.0, 0.0, share, 0.0), [0.0, 3.0], BACK), [share * BACK, 3.0], atol=0.03)
+  np.testing.assert_allclose(acting((0.0, 0.0, share, 0.0, 0.0), [0.0, 3.0], BACK), [share * BACK, 3.0], atol=0.03)
 
 
 def test_it_brakes_to_standstill_and_drives_backwards_only_after_neutral():
   volts = acting(ALL, [3.0, -2.0, -2.0, -2.0, -2.0, 0.0, -2.0], [BACK, BACK, 0.05, 0.0, 0.0, 0.0, 0.0])
   assert 0.0 < volts[1] < BACK
   np.testing.assert_allclose(volts[3:], [0.0, 0.0, 0.0, -2.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("brake", [1.0, 0.0])
+def test_without_reverse_a_command_backwards_brakes_whichever_way_the_car_rolls(brake):
+  """Half of the supply shorts the motor for half of the time, and what stands still stays so."""
+  never = (1.0, brake, 1.0, 0.0, 1.0)
+  half = -SUPPLY / 2
+  volts = acting(never, [0.0, half, half, half], [0.0, 0.0, -BACK, BACK])
+  np.testing.assert_allclose(volts, [0.0, 0.0, -BACK / 2, BACK / 2], atol=0.02)
 
 
 def test_forwards_it_drives_at_once():
@@ -95,6 +105,13 @@ def test_both_engines_drive_alike(delay):
   exact, reduced = (driven(engine, COURSE, WHOLE | {"drive_delay": delay}) for engine in ("mujoco", "reduced"))
   assert np.ptp(exact) > 100.0  # rad/s: forwards, to a stop and backwards
   np.testing.assert_allclose(reduced, exact, atol=0.02 * np.abs(exact).max())
+
+
+def test_a_car_without_reverse_drives_alike_in_both_engines_and_never_backwards():
+  exact, reduced = (driven(engine, COURSE, FORWARDS) for engine in ("mujoco", "reduced"))
+  np.testing.assert_allclose(reduced, exact, atol=0.02 * np.abs(exact).max())
+  assert exact.max() > 100.0  # rad/s
+  assert exact.min() > -1.0
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "reduced"])

@@ -64,6 +64,7 @@ class BenchModel:
       "one_way_brake": 0.0,
       "one_way_neutral": 0.0,
       "one_way_weakness": 0.0,
+      "one_way_reverse": 0.0,
       "braked_at_first": 0.0,
       "ackermann_fraction": 1.0,
       "added_mass": 0.0,

@@ -16,11 +16,12 @@ from tests.qcar_twin.twin.mechanisms.mechanism_bench import changed
 
 
 def test_it_is_the_engines_to_follow():
-  assert changed("drive_one_way", [0.9, 0.8, 0.7, 0.1]) == {
+  assert changed("drive_one_way", [0.9, 0.8, 0.7, 0.1, 0.2]) == {
     "one_way": 0.9,
     "one_way_brake": 0.8,
     "one_way_neutral": 0.7,
     "one_way_weakness": 0.1,
+    "one_way_reverse": 0.2,
   }
 
 
