@@ -74,17 +74,17 @@ class Surrogate(Twin):
   def prepare(self, segments: Segments) -> None:
     """Simulate by MuJoCo what any parameters need on these segments."""
     if self.anchor is not None:
-      free = np.flatnonzero(~self._left(segments))
+      free = np.flatnonzero(~self.left(segments))
       if len(free):
         self._correction(segments[free])
 
-  def _left(self, segments: Segments) -> NDArray[np.bool_]:
+  def left(self, segments: Segments) -> NDArray[np.bool_]:
     """Segments that are left to MuJoCo."""
     which = zip(segments.recording, segments.offset.tolist(), strict=True)
     return np.array([stretch in self.guarded for stretch in which], dtype=bool)
 
   def simulate(self, theta: Array, segments: Segments) -> Array:
-    left = self._left(segments)
+    left = self.left(segments)
     if not left.any():
       return self._corrected(theta, segments)
     signals = np.empty((len(theta), len(segments), segments.commands.shape[1] + 1, 10))

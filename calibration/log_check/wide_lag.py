@@ -37,8 +37,9 @@ def sums_by_lag(x: Array, y: Array, by: Array | None = None) -> Array:
 def wide_lag(
   sums: Sequence[Array], correlate: Callable[[Array], Array], step: float, near: tuple[float, float]
 ) -> tuple[float, bool]:
-  """The lag far away at which two sensors agree much better than at any other, s; 0 where there is none, as where
-  driving repeats itself. And whether at some lag far away they agree better, be it little, than at any near one.
+  """The lag far away at which two sensors agree much better than at any other, or to which they agree the better the
+  nearer it comes, s; 0 where there is none, as where driving repeats itself. And whether at some lag far away they
+  agree better, be it little, than at any near one.
 
   Args:
     sums: of each recording, (lags, 6).
@@ -59,6 +60,9 @@ def wide_lag(
   far, other = float(explained[best]), float(explained[inside | apart].max())
   clear = far > _ALIKE**2 and 1.0 - far < _BETTER * (1.0 - other)
   nearest = int(np.argmax(np.where(inside, explained, 0.0)))
+  # of sensors that speak once a second the peak is wide: one whose foot lies in what is searched is no other lag
+  foot = explained[min(nearest, best) : max(nearest, best) + 1][:: 1 if best > nearest else -1]
+  clear = clear or bool(far > _ALIKE**2 and (np.diff(foot) >= 0.0).all())
   # curves that change sides repeat themselves half a period on, with the other sign
   clear = clear and (explained[nearest] < _ALIKE**2 or alike[best] * alike[nearest] > 0.0)
   return float(lags[best]) if clear else 0.0, far > float(explained[inside].max())

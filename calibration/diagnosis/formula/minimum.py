@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,10 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import NOTICED, Problem
 from calibration.fitting.recalibration import descended
+from calibration.fitting.surrogate import Surrogate
 from calibration.fitting.windows import spread_evenly
+from qcar_twin.plant import Segments
+from qcar_twin.twin.twin import Twin
 
 MOST = 130.0  # s of driving: all stages on one core then take the half minute that is promised
 
@@ -43,6 +47,9 @@ def at_minimum(problem: Problem, model: Candidate) -> tuple[Problem, Candidate]:
 def thinned(problem: Problem, model: Candidate, most: float = MOST, judges: bool = False) -> tuple[Problem, Candidate]:
   """The fitted stretches, evenly spread where they are more than `most` seconds, and the model on them.
 
+  Stretches in which the reduced car was found to lead a search astray are left out: what a push does there is read off
+  that car, and what it does in MuJoCo, a car near its limit of balance say, is no sum of pushes.
+
   Args:
     problem: residuals.
     model: fitted to it.
@@ -51,7 +58,7 @@ def thinned(problem: Problem, model: Candidate, most: float = MOST, judges: bool
   """
   observations = problem.observations
   segments, stretch = observations.stretches.segments, observations.stretch
-  fitted, judging = np.unique(stretch[: model.n_train]), np.unique(stretch[model.n_train :])
+  fitted, judging = _led(problem.twin, segments, [np.unique(s) for s in np.split(stretch, [model.n_train])])
   share = min(1.0, most / max(float(segments.steps[fitted].sum()) * segments.period, 1e-9))
   kept = np.concatenate([_share(fitted, share), _share(judging, share if judges else 0.0)])
   rows = np.flatnonzero(np.isin(stretch, kept))
@@ -61,6 +68,14 @@ def thinned(problem: Problem, model: Candidate, most: float = MOST, judges: bool
   small = copy.copy(model)
   small.residual, small.jacobian, small.n_train = model.residual[rows], model.jacobian[rows], n_train
   return part, small
+
+
+def _led(twin: Twin, segments: Segments, among: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+  """Those of some stretches that the reduced car may be trusted in; all where it may in none of them."""
+  if not isinstance(twin, Surrogate):
+    return list(among)
+  led = np.flatnonzero(~twin.left(segments))
+  return [kept if (kept := np.intersect1d(some, led)).size else some for some in among]
 
 
 def _share(stretches: NDArray[np.intp], share: float) -> NDArray[np.intp]:

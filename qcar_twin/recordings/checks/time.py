@@ -159,14 +159,15 @@ def check_time_unit(label: str, time: np.ndarray, scale: float = 1.0) -> None:
 def turn_of(value: np.ndarray) -> float:
   """The period at which an angle jumps: half a turn or a turn, in rad or in degrees; 0 where it never jumps so.
 
-  Most of the steps beyond half of a period must be within an eighth of it, and most of their neighbours that are no
-  jumps below a quarter: an angle that turns so fast has neighbours like itself. Where noise carries an angle to and fro
-  over its end, jumps are neighbours.
+  Most of the steps beyond half of a period must be within an eighth of it, or within what it turns by elsewhere where
+  samples are far apart, up to a quarter; and most of their neighbours that are no jumps below a quarter: an angle that
+  turns so fast has neighbours like itself. Where noise carries an angle to and fro over its end, jumps are neighbours.
   """
   step = np.abs(np.diff(value))
   for period in (360.0, 180.0, 2.0 * np.pi, np.pi):
     at = np.flatnonzero(step > 0.5 * period)
-    whole = at[np.abs(step[at] - period) < 0.125 * period]
+    usual = np.percentile(step[step <= 0.5 * period], 99.0) if at.size < step.size else 0.0
+    whole = at[np.abs(step[at] - period) < np.clip(usual, 0.125 * period, 0.25 * period)]
     beside = np.setdiff1d(np.clip(np.r_[whole - 1, whole + 1], 0, step.size - 1), at)
     if whole.size > 0.5 * at.size and beside.size and np.median(step[beside]) < 0.25 * period:
       return period

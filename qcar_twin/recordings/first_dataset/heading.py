@@ -38,21 +38,23 @@ def courses(recordings: Sequence[Recording]) -> tuple[Array, Array, Array]:
   for recording in recordings:
     if not {"pose_x", "pose_y", "pose_yaw"} <= set(recording.channels):
       continue
-    edges = np.arange(recording.start, recording.end, _BIN)
-    x, y = (np.diff(recording[name].interpolate(edges)) for name in ("pose_x", "pose_y"))
-    way, yaw = np.hypot(x, y), recording["pose_yaw"]
-    nearest = np.clip(np.searchsorted(yaw.time, edges[:-1] + 0.5 * _BIN), 0, len(yaw) - 1)
+    yaw, half, middles = recording["pose_yaw"], 0.5 * _BIN, np.arange(recording.start, recording.end, _BIN) + 0.5 * _BIN
+    if len(yaw) > 1 and (apart := float(np.median(np.diff(yaw.time)))) > _BIN:  # as of GPS: about each of its samples
+      half, middles = 0.5 * apart, yaw.time
+    nearest = np.clip(np.searchsorted(yaw.time, middles), 0, len(yaw) - 1)
+    x, y = (p.interpolate(middles + half) - p.interpolate(middles - half)
+            for p in (recording["pose_x"], recording["pose_y"]))  # fmt: skip
+    way = np.hypot(x, y)
     far = way > _MOVING * np.nanpercentile(way, 90.0) if np.isfinite(way).any() else np.zeros(len(way), dtype=bool)
-    parts.append(np.stack([np.arctan2(y, x), yaw.value[nearest], _driven(recording, edges)])[:, far])
+    parts.append(np.stack([np.arctan2(y, x), yaw.value[nearest], _driven(recording, middles)])[:, far])
   course, heading, way = np.concatenate(parts, axis=1)
   return course, heading, way
 
 
-def _driven(recording: Recording, edges: Array) -> Array:
-  """1 where the car is driven forwards, -1 backwards, 0 unknown, in the bins between edges."""
+def _driven(recording: Recording, middles: Array) -> Array:
+  """1 where the car is driven forwards, -1 backwards, 0 unknown, at times, s."""
   names = ("speed", "motor_speed", *DRIVE_COMMANDS)
   name = next((n for n in names if n in recording and n not in recording.derived), None)
-  middles = edges[:-1] + 0.5 * _BIN
   if name is None:
     return np.zeros(middles.size)
   value = recording[name].at(middles) if CHANNELS[name].is_command else recording[name].interpolate(middles)

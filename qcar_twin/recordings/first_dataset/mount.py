@@ -8,6 +8,7 @@ f_left = speed times yaw rate.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,6 +77,13 @@ def settle_gravity(columns: Columns, guesses: dict[str, Guess]) -> None:
       guess.scale, guess.named = told[0], True
 
 
+def settle_imu(columns: Columns, guesses: dict[str, Guess]) -> bool:
+  """Settle how an IMU lies: by gravity, else by its motion; returns whether it was turned, for it lies upside down."""
+  settle_mount(columns, guesses)
+  settle_level(columns, guesses)
+  return settle_upside_down(columns, guesses)
+
+
 def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
   """Take each axis of the car from the axis of the IMU that lies along it, with its sign; a place whose axes are those
   of aircraft, north, east and clockwise, is mirrored. Nothing changes where gravity or speeding up do not show."""
@@ -99,6 +107,28 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
     for name in ("pose_y", "pose_yaw"):
       guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
       guesses[name].why.append("counted as in aircraft, to the right: by gravity the gyro turns the other way")
+
+
+def settle_level(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Exchange the level axes of an IMU where gravity was taken off, or its upright axis was not logged, if by the change
+  of speed its y points along the car, and by speed times yaw rate its x across: a telephone's top shows forwards."""
+  if not {"accel_x", "accel_y", "yaw_rate"} <= guesses.keys() or lies(columns, guesses):
+    return
+  x, y = guesses["accel_x"], guesses["accel_y"]
+  ahead = {g.column: speeding(columns, guesses, g.column) for g in (x, y)}
+  across = {g.column: _rounding(columns, guesses, g.column) for g in (x, y)}
+  clear = lambda one, other: abs(one) > max(ALIKE, _CLEARLY * abs(other))
+  if not (clear(ahead[y.column], ahead[x.column]) and clear(across[x.column], across[y.column])):
+    return
+  forward, left = (math.copysign(1.0, alike) for alike in (ahead[y.column], across[x.column]))
+  for channel, own, sign in (("accel_x", y, forward), ("accel_y", x, left)):
+    turned = {"scale": sign * own.scale, "offset": sign * own.offset, "why": [*own.why]}
+    guesses[channel] = dataclasses.replace(own, channel=channel, **turned)
+  signed = lambda sign, guess: f"{'-' if sign < 0.0 else ''}'{guess.column}'"
+  for channel in ("accel_x", "accel_y"):
+    guesses[channel].why.append(
+      f"by speeding up {signed(forward, y)} is forwards, and by speed x yaw_rate {signed(left, x)} left"
+    )
 
 
 def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
@@ -252,6 +282,12 @@ def speeding(columns: Columns, guesses: Mapping[str, Guess], name: str) -> float
   return _correlation(recordings_of(columns, trial), _speeding_up)
 
 
+def _rounding(columns: Columns, guesses: dict[str, Guess], name: str) -> float:
+  """Correlation of an accelerometer with the measured speed times the yaw rate; 0 where there are few bins."""
+  trial = {**guesses, "accel_y": Guess("accel_y", name)}
+  return _correlation(recordings_of(columns, trial), _going_round)
+
+
 def _correlation(recordings: Sequence[Recording], pairs: Callable[[Recording], Array]) -> float:
   felt, driven = np.concatenate([*map(pairs, recordings), np.empty((2, 0))], axis=1)
   return correlation(felt, driven, _LEAST)
@@ -259,7 +295,7 @@ def _correlation(recordings: Sequence[Recording], pairs: Callable[[Recording], A
 
 def _speeding_up(recording: Recording) -> Array:
   """Mean acceleration ahead and change of speed in bins, (2, k)."""
-  name = "speed" if "speed" in recording else "motor_speed"
+  name = _finer_speed(recording)
   if not {name, "accel_x"} <= set(recording.channels):
     return np.empty((2, 0))
   edges = _edges(recording)
@@ -268,12 +304,18 @@ def _speeding_up(recording: Recording) -> Array:
 
 def _going_round(recording: Recording) -> Array:
   """Mean acceleration to the left, and speed times yaw rate, in bins, (2, k)."""
-  name = "speed" if "speed" in recording else "motor_speed"
+  name = _finer_speed(recording)
   if not {name, "accel_y", "yaw_rate"} <= set(recording.channels):
     return np.empty((2, 0))
   edges = _edges(recording)
   speed = recording[name].interpolate(0.5 * (edges[1:] + edges[:-1]))
   return np.stack([_means(recording, "accel_y", edges), speed * _means(recording, "yaw_rate", edges)])
+
+
+def _finer_speed(recording: Recording) -> str:
+  """The car's speed, or the motor's where that has more samples: of GPS once a second tell no change in a quarter."""
+  count = lambda name: len(recording[name]) if name in recording else 0
+  return max(("speed", "motor_speed"), key=count)
 
 
 def _edges(recording: Recording) -> Array:

@@ -12,13 +12,14 @@ from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive, like_steering
 from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_left, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_imu, settle_left
 from qcar_twin.recordings.first_dataset.parts.called import told_apart
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, as_driven, share_out
 from qcar_twin.recordings.first_dataset.scales.brake import settle_brake
+from qcar_twin.recordings.first_dataset.scales.engine import leave_engine
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
 from qcar_twin.recordings.first_dataset.scales.speed import (
   asked_of_speed,
@@ -97,8 +98,8 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
     settle_brake(columns, guesses, vehicle.wheelbase)
     settle_gravity(columns, guesses)
     unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
-    settle_mount(columns, guesses)
-    turned = settle_upside_down(columns, guesses)
+    turned = settle_imu(columns, guesses)
+    leave_engine(guesses, recordings_of(columns, guesses))
     unsure += settle_wheels(columns, guesses, vehicle) or settle_speed_unit(columns, guesses)
     gearing = None if "gear_ratio" in said else _gearing(columns, guesses, vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)

@@ -157,9 +157,11 @@ class MujocoCars:
       emf = self.values["motor_damping"] / self.values["torque_per_volt"] * self._qvel[:, self._handles.motor_dof]
       braked = np.where(np.isnan(self._braked), self.values["braked_at_first"], self._braked)
       shares, supply = np.stack([self.values[name] for name in controller.QUANTITIES]), self._car.duty_supply
-      before, then = controller.acting(before, emf, braked, shares, supply)
       now, after = controller.acting(now, emf, braked, shares, supply)
-      self._braked[rows] = np.where(share < 0.5, after, then)[rows]
+      if share.any():
+        before, then = controller.acting(before, emf, braked, shares, supply)
+        after = np.where(share < 0.5, after, then)
+      self._braked[rows] = after[rows]
     self._ctrl[:, self._handles.motor] = (1.0 - share) * now + share * before
     self._fields.drive(self._ctrl[:, self._handles.motor])
 

@@ -149,3 +149,18 @@ def test_turns_that_change_sides_are_no_command_with_the_other_sign_half_a_perio
 
   lag, elsewhere = wide_lag([sums_by_lag(x, y)], correlation, step, (-0.4, 0.4))
   assert lag == (0.0 if share < 0.1 else pytest.approx(-4.8)) and elsewhere
+
+
+def test_a_peak_whose_foot_lies_among_near_lags_is_followed_to_its_top():
+  """Of a heading once a second the peak is a second wide: the lag 0.6 s away is none of a drive that repeats itself."""
+  step, late = 0.05, 12
+  random = np.random.default_rng(7)
+  motion = np.convolve(random.normal(size=900 + late), np.full(60, 1.0 / 60.0), "same")  # means over 3 s
+  x, y = motion[late:], motion[:-late]
+
+  def correlation(sums):
+    n, x, y, xx, xy, yy = np.moveaxis(sums, -1, 0)
+    return (xy / n - x * y / n**2) / np.sqrt((xx / n - (x / n) ** 2) * (yy / n - (y / n) ** 2))
+
+  lag, elsewhere = wide_lag([sums_by_lag(x, y)], correlation, step, (-0.3, 0.5))
+  assert lag == pytest.approx(step * late) and elsewhere

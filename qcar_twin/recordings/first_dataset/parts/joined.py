@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.parts.pairing import Part, clocked, paired, part_of, words_of_file
+from qcar_twin.recordings.first_dataset.parts.pairing import Group, clocked, paired, part_of, words_of_file
 from qcar_twin.recordings.first_dataset.parts.topics import by_topic
 from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MOTION, is_clock
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
@@ -119,10 +119,10 @@ def _cell(value: object) -> str:
   return "" if value is None else '"' + str(value).replace('"', '""') + '"'
 
 
-def _merged(name: str, group: Sequence[tuple[Part, float]], prefixes: Mapping[str, str]) -> Table:
-  """One table of files whose clocks are shifted by so many s."""
-  parts = [(clocked(part.columns, part.guesses["time"], prefixes[part.label]), shift) for part, shift in group]
-  return merge(name, [Clocked(own.time + shift, own.columns) for own, shift in parts])
+def _merged(name: str, group: Group, prefixes: Mapping[str, str]) -> Table:
+  """One table of files, each on the drive's clock."""
+  parts = [(clocked(part.columns, part.guesses["time"], prefixes[part.label]), clock) for part, clock in group]
+  return merge(name, [Clocked(clock.rate * own.time + clock.shift, own.columns) for own, clock in parts])
 
 
 def _of_different_names(each: Sequence[Columns]) -> bool:

@@ -11,7 +11,7 @@ from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 
 Array = NDArray[np.float64]
-_PERIOD = 0.05  # s, of the grid on which motions are compared
+PERIOD = 0.05  # s, of the grid on which motions are compared
 _SMOOTH = 5  # points, 0.25 s, over which noise of a place is averaged away
 _MOST = 1 << 18  # points, 3.6 h: of a longer log the beginning is compared
 _OVERLAP = 0.5  # of the shorter file, that two files of one drive share
@@ -62,7 +62,7 @@ def motion_of(columns: Columns, guesses: Mapping[str, Guess]) -> Motion:
   """What one file says of how the car moved: by its sensors or its path, else by its commands."""
   clock = guesses["time"]
   time = clock.scale * columns.tables[0].number(clock.column, "time")
-  grid = np.arange(time[0], time[-1], _PERIOD)[:_MOST]
+  grid = np.arange(time[0], time[-1], PERIOD)[:_MOST]
   on_grid = lambda values: _on_grid(grid, time, values)
   known = {  # a pulse of 1500 us is straight on, and stands for 0
     channel: guess.scale * columns.tables[0].number(guess.column, channel) + guess.offset
@@ -123,16 +123,16 @@ def fit(one: Motion, other: Motion, turned: int = 0) -> Fit:
   if not np.isfinite(mean).any():
     return Fit(np.nan, 0.0, np.nan, np.nan)
   size = len(one.speed if one.speed is not None else one.turning if one.turning is not None else ())
-  lags = _PERIOD * (np.arange(count) - (count - size)) + one.start - other.start
+  lags = PERIOD * (np.arange(count) - (count - size)) + one.start - other.start
   best = int(np.nanargmax(mean))
   far = np.abs(lags - lags[best]) > 1.0
   at_zero = int(np.argmin(np.abs(lags)))
-  stamped = float(mean[at_zero]) if abs(lags[at_zero]) <= _PERIOD else np.nan
+  stamped = float(mean[at_zero]) if abs(lags[at_zero]) <= PERIOD else np.nan
   again = float(np.nanmax(mean[far])) if np.isfinite(mean[far]).any() else np.nan
   near = np.abs(lags - lags[best]) < _LATE
   sensed = _sensed(one, other, near, turned) if not all((*one.sensed, *other.sensed)) else None
   fine, at = (mean, best) if sensed is None or len(sensed) != count else (sensed, int(np.nanargmax(sensed)))
-  lag = float(lags[at]) + _PERIOD * _top(fine[at - 1 : at + 2])
+  lag = float(lags[at]) + PERIOD * _top(fine[at - 1 : at + 2])
   return Fit(float(mean[best]), lag, stamped, again, sensed is None and not all((*one.sensed, *other.sensed)))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.heading import unwrap_heading
+from qcar_twin.recordings.first_dataset.parts.drift import Clock, Pair, drifts
 from qcar_twin.recordings.first_dataset.parts.motion import Fit, Motion, fit, motion_of
 from qcar_twin.recordings.first_dataset.parts.torn import COMMANDS, MOTION, is_clock
 from qcar_twin.recordings.first_dataset.plane import settle_plane
@@ -22,6 +23,7 @@ _ALIKE = 0.8  # correlation of two sensors of one motion, as the check has it
 _CLEAR = 0.1  # of a correlation, by which one of two files, or of two lags, goes better with a third
 _LATE = 0.5  # s, from which a lag is none of a sensor or a servo
 _SHARED = 0.5  # of the shorter file's time that two files of one drive share
+_SHARE = "their clocks"
 _CURE = "give the files of one drive names that differ by one word alone, run1_car.csv and run1_mocap.csv say"
 
 
@@ -84,7 +86,7 @@ def words_of_file(name: str) -> tuple[str, ...]:
   return tuple(str(int(word)) if word.isdecimal() else word for word in re.findall(r"[a-z]+|\d+", name.lower()))
 
 
-Group = tuple[tuple[Part, float], ...]  # files of one drive, and the seconds that are added to each one's clock
+Group = tuple[tuple[Part, Clock], ...]  # files of one drive, and how each one's clock becomes the drive's
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,17 +123,27 @@ def paired(parts: Sequence[Part]) -> Drives | None:
   if len(set(prefixes.values())) < 2:
     prefixes |= {part.label: f"{prefixes[part.label]}_2" for part in others}
   partners = _partners(cars, others)
-  groups, said = [], []
+  groups, said, moved = [], [], []
   for car in cars:
     other, why, turned = partners.get(car.label, (None, "", 0))
     if other is None:
       alone = "is read alone" if car.whole else "left out"
       said.append(f"{car.label}: {alone}, no other file is of its drive")
-      groups += [((car, 0.0),)] if car.whole else []
+      groups += [((car, Clock()),)] if car.whole else []
       continue
     shift, how = shift_of(car, other, turned)
     said.append(f"{car.label}, {other.label}: parts of one drive {why}, joined by {how}")
-    groups.append(((car, 0.0), (other, shift)))
+    moved += [(len(groups), Pair(car.moved, other.moved, shift, turned))] if how != _SHARE else []
+    groups.append(((car, Clock()), (other, Clock(shift))))
+  fast, clocks = drifts([pair for _, pair in moved])
+  for (at, _), clock in zip(moved, clocks, strict=True) if fast else ():
+    groups[at] = ((groups[at][0][0], clock), *groups[at][1:])
+  if fast:
+    way, other = "fast" if fast > 0.0 else "slow", next(iter(partners.values()))[0]
+    said.append(
+      f"the clock of {cars[0].label} runs {100.0 * abs(fast):.2f} % {way} against that of {other.label}, by the motion"
+      " in pieces of the drives: its times, and those of all logs like it, are divided by that"
+    )
   taken = {other.label for other, _, _ in partners.values()}
   said += [f"{o.label}: left out, no file of commands is of its drive" for o in others if o.label not in taken]
   return Drives(tuple(groups), prefixes, tuple(said)) if partners else None
@@ -256,7 +268,7 @@ def shift_of(car: Part, other: Part, turned: int = 0) -> tuple[float, str]:
   judged = own.alike > _ALIKE and not own.again > own.alike - _CLEAR
   as_good = own.as_stamped > own.alike - _CLEAR or abs(own.lag) < _LATE
   if shared and (not judged or as_good):
-    return 0.0, "their clocks"
+    return 0.0, _SHARE
   if judged:
     obeyed = ", and has in it what the car takes to obey: no two sensors saw one motion" if own.commanded else ""
     return own.lag, f"their motion (correlation {own.alike:.2f}), which moves {other.label} by {own.lag:.2f} s{obeyed}"

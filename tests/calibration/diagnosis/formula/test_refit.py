@@ -18,6 +18,7 @@ from calibration.diagnosis.score import clustered_std
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
 from calibration.fitting.slopes import NotFinite
+from calibration.fitting.surrogate import Surrogate
 from calibration.fitting.windows import Cut, cut_recordings
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import SIGNALS
@@ -124,6 +125,17 @@ def test_of_a_long_log_a_share_is_kept_of_what_is_fitted_and_of_what_judges(case
   assert alone.observations.stretches.segments.recording == ("run_1", "run_3")
   whole, same = thinned(problem, winner, judges=True)
   assert len(whole.observations) == len(problem.observations) and same.n_train == winner.n_train
+
+
+def test_no_force_is_sought_where_the_reduced_car_leads_astray(case):
+  exact, winner, _ = case
+  segments = exact.observations.stretches.segments
+  stretches = list(zip(segments.recording, segments.offset.tolist(), strict=True))
+  searched = Problem(Surrogate(exact.twin), exact.observations, exact.weighting, exact.n_train, exact.base)
+  part, model = thinned(searched.guarding(stretches[:1]), winner)
+  assert part.observations.stretches.segments.recording == ("run_1", "run_2", "run_3")
+  assert part.n_train == model.n_train == len(model.residual)
+  assert thinned(searched.guarding(stretches), winner)[0].n_train == exact.n_train  # better than nowhere
 
 
 def test_a_car_that_flies_apart_leaves_the_verdict_alone_and_the_page_says_so(case, tmp_path, monkeypatch):

@@ -225,3 +225,10 @@ def test_a_turn_at_which_noise_goes_to_and_fro_is_a_turn():
   assert turn_of(np.mod(heading, 2.0 * np.pi)) == 2.0 * np.pi
   assert turn_of(np.mod(np.degrees(heading), 360.0)) == 360.0
   assert turn_of(np.cumsum(np.full(50, 6.0))) == 0.0  # turns by 0.95 of a turn a sample
+
+
+def test_a_heading_once_a_second_jumps_by_a_turn_less_what_it_turned_meanwhile():
+  """As of GPS in a car that goes round tight corners: steps of up to 80 degrees, and jumps of as little as 280."""
+  rate = 55.0 + 25.0 * np.sin(0.7 * np.arange(60))  # degrees a second
+  assert turn_of(np.mod(np.cumsum(rate), 360.0)) == 360.0
+  assert turn_of(np.random.default_rng(3).uniform(0.0, 360.0, 60)) == 0.0

@@ -101,6 +101,32 @@ def test_a_heading_of_gps_alone_counts_as_a_compass(name, clockwise):
   assert ("scale = -0.01745" in line) is clockwise
 
 
+def test_a_course_of_gps_once_a_second_is_a_compass_in_degrees():
+  """Between two of them a car turns by a quarter of a turn, and its course is that about the middle one."""
+  columns = {"time": TIME, "throttle": DRIVEN["motor_voltage"] / 8.0, "steer": DRIVEN["steering_command"]}
+  columns |= {"wheel_speed [m/s]": DRIVEN["speed"], "gyro_z": DRIVEN["yaw_rate"]}
+  spoken = np.arange(TIME.size) % 50 == 25
+  for name, values in (("east", DRIVEN["pose_x"]), ("north", DRIVEN["pose_y"]), ("bearing", DRIVEN["pose_yaw"])):
+    course = np.mod(90.0 - np.rad2deg(values), 360.0) if name == "bearing" else values
+    columns[name] = np.where(spoken, course, np.nan)
+  line = next(one for one in propose("lab", [Table("run.csv", columns, {})]).channels if one.startswith("pose_yaw"))
+  assert "scale = -0.01745329252, offset = 1.570796327, wrap = true" in line
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_telephone_s_y_is_forwards_where_speed_and_turning_say_so(turned):
+  """Gravity taken off, as by its own app: nothing else tells how it lies."""
+  columns = {"time": TIME, "throttle": DRIVEN["motor_voltage"] / 8.0, "steer": DRIVEN["steering_command"]}
+  columns |= {"speed [m/s]": DRIVEN["speed"], "gyro_z": DRIVEN["yaw_rate"]}
+  ahead, left = DRIVEN["accel_x"], DRIVEN["accel_y"]
+  columns |= {"acc_x": -left if turned else ahead, "acc_y": ahead if turned else left}
+  lines = propose("lab", [Table("run.csv", columns, {})]).channels
+  taken = {one.split(" = ")[0]: one for one in lines if one.startswith("accel")}
+  assert f'column = "acc_{"y" if turned else "x"}"' in taken["accel_x"] and "scale" not in taken["accel_x"]
+  assert f'column = "acc_{"x" if turned else "y"}"' in taken["accel_y"]
+  assert ("scale = -1.0" in taken["accel_y"]) is turned
+
+
 @pytest.mark.parametrize(("name", "is_clock"), [("frame", False), ("id", False), ("millis", True)])
 def test_a_number_of_the_row_is_no_clock(name, is_clock):
   columns = {name: np.arange(TIME.size, dtype=float), **{NAMES.get(n, n): DRIVEN[n] for n in KEPT}}
