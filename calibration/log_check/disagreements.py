@@ -337,7 +337,8 @@ def _far_off(c: Comparison, nominal: float) -> list[Finding]:
   if "motor_speed" in c.motion.reference:
     cure += f", or [vehicle]: gear_ratio times wheel_radius would be {share:.3g} times as large; measure both"
   if steered(c.motion):
-    cure = "the scale of steering_command or the wheelbase is off: measure both, and correct [channels] or [vehicle]"
+    slides = "its tyres, or an axle without a differential, push the car straight on, or " if share < 1.0 else ""
+    cure = f"{slides}the scale of steering_command or the wheelbase is off: measure both"
   return [Finding("beware", (*c.motion.compared, *c.motion.reference), f"{said}: {cure}")]
 
 
