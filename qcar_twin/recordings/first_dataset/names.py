@@ -137,6 +137,7 @@ _PX4_OUTPUTS = re.compile(r"actuator_(?P<what>servos|motors)(_0)?\W+control\[0\]
 _MEAN = 0.3  # what the mean of two wheels has before either
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
+_DID = {"act", "joint", "joints", "pot"}  # what a servo did, as a sensor at it says, and as a command is seldom called
 _RAW, _SMOOTH = (
   {"raw"},
   {"filtered", "filt", "smoothed", "smooth", "ema", "avg", "average", "estimated", "est", "lowpass"},
@@ -177,7 +178,7 @@ def readings(column: str) -> list[Reading]:
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
-    if not met and channel in ("speed", "motor_speed"):
+    if not met and channel in ("speed", "motor_speed", "motor_duty"):
       met = _of_a_unit(channel, words, unit)
     if not met:
       continue
@@ -185,6 +186,7 @@ def readings(column: str) -> list[Reading]:
     score = len(best) + 0.5 * len(set(best)) / len(words)
     worked_out = words & _SMOOTH or (channel == "yaw_rate" and words & _ODOMETRY)
     score += 0.2 * bool(words & _RAW) - 0.5 * bool(worked_out)
+    score -= 1.0 * bool(channel == "steering_command" and words & _DID and not words & set(COMMANDED))
     pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
     share = unit is not None and unit[1] == "-" and channel == "steering_command"  # of full lock
     if unit is not None and unit[1] == "-" and channel == "acceleration_command":
@@ -202,7 +204,11 @@ def readings(column: str) -> list[Reading]:
 
 def _of_a_unit(channel: str, words: set[str], unit: tuple[str, str, float] | None) -> list[tuple[str, ...]]:
   """What makes a column the car's or the motor's speed by its unit: a wheel's, over ground or turning; a name that is
-  nothing but a unit of speed."""
+  nothing but a unit of speed. What makes one a duty: a torque that was asked for as a share of the full one, as by a
+  pedal."""
+  if channel == "motor_duty":
+    asked = words & {"torque", "trq"} and words & set(COMMANDED) and not words & {"brake", "steering", "steer", "wheel"}
+    return [("torque",)] if asked and unit is not None and unit[1] == "-" else []
   of_wheel = words & {"wheel", "wheels"} and not words & set(COMMANDED)
   if unit is None:
     return [("wheel",)] if channel == "speed" and of_wheel and words & SIDES and not words & NO_SPEEDS else []

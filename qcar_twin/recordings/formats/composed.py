@@ -18,7 +18,7 @@ from qcar_twin.recordings.unit_names import ELEMENT, VECTORS, unit_of, words_of
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ /]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
 _QUATERNION = re.compile(
-  r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ /]?)(?P<w>w)$", re.IGNORECASE
+  r"^(?P<stem>.*(?:orientation|orient|rotation|attitude|quaternion|quat|q))(?P<gap>[._ /]?)(?P<w>w)$", re.IGNORECASE
 )
 _LIST = re.compile(r"^\s*[\[(](?P<inside>.*)[\])]\s*$", re.DOTALL)
 _WITH_UNIT = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\s\d.,:;+-].*?)\s*$")
@@ -28,7 +28,7 @@ _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
 _ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
-_ROTATIONS = {"quat", "quaternion", "orientation", "rotation", "q"}
+_ROTATIONS = {"quat", "quaternion", "orientation", "orient", "rotation", "attitude", "q"}
 # the elements of a quaternion that stay small of a car on a floor -> w, and the one that turns
 _PLANAR = {(1, 2): (0, 3), (0, 1): (3, 2), (0, 2): (3, 1), (1, 3): (0, 2)}  # z or y upwards, w first or last
 _IMUS, _GRAVITIES, _NEAR = {"imu"}, (9.80665, 1.0), 0.1  # m/s^2 and g, and how near a reading of it is

@@ -6,13 +6,15 @@ import logging
 from pathlib import Path
 
 from qcar_twin.extras import extra
+from qcar_twin.recordings.formats.definitions import OF_CARS
 from qcar_twin.recordings.formats.messages import HEAVY, Row, row_of, topic_columns
 from qcar_twin.recordings.formats.table import Clocked, Table, merge_kinds
 from qcar_twin.recordings.recording import RecordingError
 
 with extra("Reading ROS bags and MCAP files"):
   from rosbags.highlevel import AnyReader, AnyReaderError
-  from rosbags.typesys import Stores, get_typestore
+  from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+  from rosbags.typesys.store import Typestore
 
 READERS = {".bag": "read_bag", ".db3": "read_bag"}
 _log = logging.getLogger(__name__)
@@ -25,13 +27,21 @@ def read_bag(path: Path, label: str) -> Table:
   `/imu.angular_velocity.z`, `/joints.velocity[0]`; a quaternion also gives its heading, `/pose.pose.orientation.yaw`.
   """
   try:
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+    with AnyReader([path], default_typestore=_known_types()) as reader:
       topics = _read_topics(reader, label)
   except (RecordingError, PermissionError, MemoryError):
     raise
   except Exception as error:  # the reader raises many kinds for damaged files
     raise damaged(label, error) from error
   return table_of(label, topics)
+
+
+def _known_types() -> Typestore:
+  """Types for bags without definitions, as ROS 2 wrote into SQLite before Iron: its own, and those of usual cars."""
+  store = get_typestore(Stores.ROS2_HUMBLE)
+  for name, text in OF_CARS.items():
+    store.register(get_types_from_msg(text, name))
+  return store
 
 
 def damaged(label: str, error: Exception) -> RecordingError:

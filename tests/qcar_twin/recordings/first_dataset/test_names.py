@@ -86,6 +86,8 @@ def test_what_is_no_channel_is_taken_for_none_that_a_fit_would_believe(column):
 def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second():
   assert all(r.channel != "steering_command" for r in readings("steering_angle_measured"))
   assert all(r.channel != "steering_command" for r in readings("steering_report.steering_tire_angle"))
+  for did, told in (("SteerAngleAct [deg]", "SteerAngleCmd [deg]"), ("joints.position[steer]", "drive.steering_angle")):
+    assert readings(did)[0].score < readings(told)[0].score - 0.55  # so that no other sensor is asked which it is
   assert readings("speed_filtered")[0].score < readings("speed")[0].score < 10.5
   assert readings("speed_raw")[0].score > readings("speed_filtered")[0].score
 
@@ -133,6 +135,12 @@ def test_words_are_split_where_people_split_them():
     ("w_psi", "yaw_rate"),
     ("u_a", "acceleration_command"),
     ("gps_x", "pose_x"),
+    ("TorqueReq [%]", "motor_duty"),
+    ("SteerAngleCmd [deg]", "steering_command"),
+    ("YawRate [deg/s]", "yaw_rate"),
+    ("LatAcc [m/s2]", "accel_y"),
+    ("LongAcc [m/s2]", "accel_x"),
+    ("WheelSpeedRL [rpm]", "motor_speed"),
   ],
 )
 def test_short_names_of_the_trade(name, channel):

@@ -45,10 +45,11 @@ def test_a_draft_says_why_numbers_in_another_spelling_are_not_read(tmp_path):
   assert "column 'time_ms' has '1_000.0' in row 51, which is not a number" in text and "'mode' has" not in text
 
 
-def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
+@pytest.mark.parametrize("name", ["orientation", "car.orient", "attitude"])
+def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path, name):
   yaw = 0.1 * np.arange(60)
   rows = [f"{t:.2f},{np.sin(0.5 * a):.9f},{np.cos(0.5 * a):.9f}" for t, a in zip(TIME, yaw, strict=True)]
-  turned = read(tmp_path, "time,orientation.z,orientation.w", rows).number("orientation.yaw", "pose_yaw")
+  turned = read(tmp_path, f"time,{name}.z,{name}.w", rows).number(f"{name}.yaw", "pose_yaw")
   assert np.exp(1j * turned) == pytest.approx(np.exp(1j * yaw), abs=1e-6)
   assert np.abs(turned).max() <= np.pi + 1e-9  # so that it jumps by one turn, not by two
 

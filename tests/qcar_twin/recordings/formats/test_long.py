@@ -52,3 +52,26 @@ def test_one_without_a_clock_that_rises_is_refused(tmp_path):
     RecordingError, match=r"run.csv: is a long table: 'topic' has the names of 2 signals.*no column is a clock"
   ):
     read_table(write(tmp_path / "run.csv", "time,topic,value", rows))
+
+
+def decoded(tmp_path, rows):
+  """A CAN bus's signals as decoders write them: the message's identifier and name, the signal, its value and unit."""
+  lines = [";".join(map(str, row)) for row in sorted(rows)]
+  path = tmp_path / "can.csv"
+  path.write_text("\n".join(["time;id;message;signal;value;unit", *lines]), encoding="utf-8")
+  return read_table(path)
+
+
+def test_signals_of_a_bus_have_their_units_and_what_tells_of_a_signal_is_no_sample(tmp_path):
+  signals = (("0x101", "STEER", "SteerAngle", "deg"), ("0x102", "STATE", "Enabled", ""), ("0x102", "STATE", "SOC", "%"))
+  rows = [(k, number, message, signal, k, unit) for k in range(20) for number, message, signal, unit in signals]
+  table = decoded(tmp_path, rows)
+  assert set(table.columns) == {"time", "SteerAngle [deg]", "Enabled", "SOC [%]"}
+  np.testing.assert_array_equal(table.columns["SteerAngle [deg]"], np.arange(20.0))
+
+
+def test_a_signal_of_two_messages_is_called_after_both_and_two_units_are_two_columns(tmp_path):
+  rows = [(k, n, m, "speed", k, "m/s") for k in range(20) for n, m in ((1, "FRONT"), (2, "REAR"))]
+  rows += [(k, 3, "ROOF", "wind", k, "m/s" if k < 10 else "km/h") for k in range(20)]
+  names = {"FRONT.speed [m/s]", "REAR.speed [m/s]", "wind [m/s]", "wind [km/h]"}
+  assert set(decoded(tmp_path, rows).columns) == {"time", *names}

@@ -1,14 +1,17 @@
 """ROS bags of both generations, written with rosbags itself: topics become columns on one clock."""
 
+import sqlite3
+
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.formats.definitions import OF_CARS
 from qcar_twin.recordings.recording import RecordingError
 from tests.qcar_twin.recordings.drives import drive, write_manifest
 
@@ -32,8 +35,8 @@ class Messages:
   def __init__(self, store, ros1=False):
     self.store, self.ros1, self.types = get_typestore(store), ros1, get_typestore(store).types
 
-  def make(self, kind, *fields):
-    return self.types[kind](*fields)
+  def make(self, kind, *fields, **named):
+    return self.types[kind](*fields, **named)
 
   def header(self, nanoseconds, offset=0):
     stamp = self.make("builtin_interfaces/msg/Time", *divmod(BEGIN + nanoseconds + offset, 1_000_000_000))
@@ -193,3 +196,30 @@ def test_text_topics_are_no_columns(tmp_path):
     writer.write(connection, BEGIN, messages.store.serialize_cdr(text, "std_msgs/msg/String"))
   with pytest.raises(RecordingError, match="record the topics of commands, encoder and IMU"):
     read_table(tmp_path / "talk")
+
+
+def test_messages_of_cars_are_read_from_a_bag_without_definitions(tmp_path):
+  """As ROS 2 wrote into SQLite up to Humble; what a VESC says lies behind whole numbers, which have other widths."""
+  messages = Messages(Stores.ROS2_HUMBLE)
+  for name, text in OF_CARS.items():
+    messages.store.register(get_types_from_msg(text, name))
+  messages.types = messages.store.types
+  drive = messages.make("ackermann_msgs/msg/AckermannDrive", 0.25, 0.0, 1.5, 0.0, 0.0)
+  fields = messages.store.fielddefs["vesc_msgs/msg/VescState"][1]
+  state = {name: 0 if kind[1][0] == "int32" else 0.0 for name, kind in fields}
+  state |= {"speed": 4000.0, "displacement": -7, "avg_vq": 2.5}
+  said = {
+    "/drive": ("ackermann_msgs/msg/AckermannDriveStamped", drive),
+    "/core": ("vesc_msgs/msg/VescStateStamped", messages.make("vesc_msgs/msg/VescState", **state)),
+  }
+  with Writer2(tmp_path / "old", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+    for topic, (kind, inside) in said.items():
+      connection = writer.add_connection(topic, kind, typestore=messages.store)
+      for k in range(3):
+        message = messages.make(kind, messages.header(k), inside)
+        writer.write(connection, BEGIN + k, messages.store.serialize_cdr(message, kind))
+  with sqlite3.connect(tmp_path / "old" / "old.db3") as file:
+    file.execute("DELETE FROM message_definitions")
+  row = {name: values[0] for name, values in read_table(tmp_path / "old").columns.items()}
+  assert (row["/drive.drive.steering_angle"], row["/drive.drive.speed"]) == (0.25, 1.5)
+  assert (row["/core.state.speed"], row["/core.state.displacement"], row["/core.state.avg_vq"]) == (4000.0, -7.0, 2.5)
