@@ -92,7 +92,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "psi p",
     "gyro|gyroscope|gyr|angular|ang|omega|w z|yaw"
     " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command",
-    "imu z !accel|acc|acl|acceleration|accelerometer|linear|mag|orientation|q|quat|quaternion|position|pos",
+    "imu z !accel|acc|acl|acceleration|accelerometer|a|linear|mag|orientation|q|quat|quaternion|position|pos",
     "rate rotation z",
     "angular speed|velocity|vel|rate !x|y|motor|wheel|command",
     "gyro|gyroscope !x|y",

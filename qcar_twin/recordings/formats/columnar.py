@@ -13,6 +13,7 @@ import pyarrow
 import pyarrow.parquet
 
 from qcar_twin.recordings.formats.dates import seconds_of
+from qcar_twin.recordings.formats.generalised import axes_of
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -24,7 +25,6 @@ pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound
 CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
 _BYTES = np.dtype(float).itemsize  # that a cell becomes, whatever a file holds it as
 _WIDEST = 16  # columns of an array that holds a row for each sample
-_NO_AXES = {"ctrl", "action", "actions", "qpos", "qvel"}  # arrays whose elements, though they be three, are no axes
 # "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
 _RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
@@ -87,14 +87,15 @@ def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
 
 
 def _vectors(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-  """The arrays, those with a row for each sample as their columns: `state[0]`, and `gyro.x` to `gyro.z` of three."""
+  """The arrays, those with a row for each sample as their columns: `state[0]`, and `gyro.x` to `gyro.z` of three, or
+  `pose.x`, `pose.y` and `pose.yaw` of a pose on the floor."""
   out = {}
   for name, array in arrays.items():
     if array.ndim != 2 or not 1 < array.shape[1] <= _WIDEST < array.shape[0]:
       out[name] = array
       continue
-    axes = array.shape[1] == 3 and not set(words_of(name)) & _NO_AXES
-    marks = [f".{axis}" for axis in "xyz"] if axes else [f"[{k}]" for k in range(array.shape[1])]
+    axes = axes_of(name, array.T.astype(float)) if array.shape[1] == 3 and array.dtype.kind in "fiub" else None
+    marks = [f".{axis}" for axis in axes] if axes else [f"[{k}]" for k in range(array.shape[1])]
     out |= {f"{name}{mark}": column for mark, column in zip(marks, array.T, strict=True)}
   return out
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from qcar_twin.recordings.formats.columnar import CLOCKS, table_of_arrays
 from qcar_twin.recordings.formats.dates import seconds_of
+from qcar_twin.recordings.formats.generalised import axes_of
 from qcar_twin.recordings.formats.hierarchy.documents import runs_in, units_in, with_units
 from qcar_twin.recordings.formats.table import NO_ROWS, NoSamples, SeveralRecordings, Table
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import words_of
+from qcar_twin.recordings.unit_names import VECTORS, words_of
 
 READERS = {
   ".jsonl": "read_json_lines",
@@ -158,7 +159,24 @@ def _of_records(records: Sequence[Mapping[str, Any]], label: str) -> Table:
   written = {
     name: np.array([k for k, r in enumerate(rows) if r.get(name) != r.get(name)], dtype=int) for name in columns
   }
-  return Table(label, columns, written)
+  axes = {name: columns[element] for name, element in _axes(columns).items() if name not in columns}
+  written |= {name: written[element] for name, element in _axes(columns).items() if name in axes}
+  return Table(label, columns | axes, written)
+
+
+def _axes(columns: Mapping[str, np.ndarray]) -> dict[str, str]:
+  """Names by axes for the elements of lists of three -> their columns: `imu.a.x` -> `imu.a[0]`. None for vectors whose
+  elements are known by their number, `gyro[2]`."""
+  out = {}
+  for first in columns:
+    stem = first.removesuffix("[0]")
+    elements = [f"{stem}[{k}]" for k in range(3)]
+    if first != elements[0] or f"{stem}[3]" in columns or set(words_of(stem)) & VECTORS:
+      continue
+    if elements[1] in columns and elements[2] in columns:
+      marks = axes_of(stem, np.stack([columns[element] for element in elements])) or ()
+      out |= {f"{stem}.{mark}": element for mark, element in zip(marks, elements, strict=False)}
+  return out
 
 
 def _values(before: str, said: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
