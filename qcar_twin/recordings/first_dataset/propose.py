@@ -21,6 +21,7 @@ from qcar_twin.recordings.first_dataset.roles import Part, as_driven, share_out
 from qcar_twin.recordings.first_dataset.scales.brake import settle_brake
 from qcar_twin.recordings.first_dataset.scales.engine import leave_engine
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
+from qcar_twin.recordings.first_dataset.scales.promised import settle_promised
 from qcar_twin.recordings.first_dataset.scales.speed import (
   asked_of_speed,
   settle_commanded_unit,
@@ -89,6 +90,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
     vehicle = of_size(vehicle, wheelbase)
   vehicle = dataclasses.replace(vehicle, **{key: said[key] for key in ("wheel_radius", "gear_ratio") if key in said})
   turns_like, asked, gearing, turned, unsure = vehicle.wheelbase, (), None, False, []
+  moved = settle_promised(columns, guesses, {key: getattr(vehicle, key) for key in SIZES}) if topics is not None else {}
   if topics is None:
     settle_gear(columns, guesses)
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
@@ -118,7 +120,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
   questions += _electrical(guesses) if topics is None and gearing is None else ()  # else the gear ratio makes up for it
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
-  channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
+  channels = _channels(columns, guesses, missing) if topics is None else _by_map(columns, guesses, moved)
   lines += ["", *channels]
   lines += [line for part in told_apart(parts) for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
@@ -256,19 +258,23 @@ def _head(name: str, topics: TopicMap | None, questions: Sequence[str]) -> list[
   return lines
 
 
+def _entry(columns: Columns, guess: Guess) -> str:
+  """A channel's line in [channels]."""
+  entry: dict[str, Any] = {"column": guess.column}
+  entry |= {"scale": guess.scale} if guess.scale != 1.0 else {}
+  entry |= {"offset": guess.offset} if guess.offset != 0.0 else {}
+  entry |= {"wrap": True} if guess.wrap else {}
+  entry |= {"hold": True} if guess.hold else {}
+  entry |= {key: name for key in ("gate", "signed_by", "minus") if (name := getattr(guess, key))}
+  entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
+  inside = ", ".join(f"{key} = {as_value(value)}" for key, value in entry.items())
+  why = [*guess.why, runner_up(columns, guess)]
+  return f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(filter(None, why)))}"
+
+
 def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str]) -> list[str]:
   lines = ["[channels]"]
-  for guess in guesses.values():
-    entry: dict[str, Any] = {"column": guess.column}
-    entry |= {"scale": guess.scale} if guess.scale != 1.0 else {}
-    entry |= {"offset": guess.offset} if guess.offset != 0.0 else {}
-    entry |= {"wrap": True} if guess.wrap else {}
-    entry |= {"hold": True} if guess.hold else {}
-    entry |= {key: name for key in ("gate", "signed_by", "minus") if (name := getattr(guess, key))}
-    entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
-    inside = ", ".join(f"{key} = {as_value(value)}" for key, value in entry.items())
-    why = [*guess.why, runner_up(columns, guess)]
-    lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(filter(None, why)))}")
+  lines += [_entry(columns, guess) for guess in guesses.values()]
   if "time" in missing:
     lines.append(
       "# time = { rate = … }  # needed: the log's rate in Hz, which no column tells, where every row is one step"
@@ -298,10 +304,11 @@ def _names(tables: Sequence[Table]) -> list[str]:
   return [f"columns = [{names}]  # the files have no header: a name for each, here and in [channels]"]
 
 
-def _by_map(guesses: Mapping[str, Guess]) -> list[str]:
-  """What the map says, as a comment: the map itself says it to the loader."""
-  lines = [f"# {guess.channel}: {_plain(guess.column)}" for guess in guesses.values() if guess.channel in CHANNELS]
-  return ["# what the map finds in these logs:", *lines]
+def _by_map(columns: Columns, guesses: Mapping[str, Guess], moved: Mapping[str, Guess]) -> list[str]:
+  """What the map says, as a comment: the map itself says it to the loader. What `moved` from it as [channels]."""
+  known = [guess for guess in guesses.values() if guess.channel in CHANNELS and guess.channel not in moved]
+  lines = ["# what the map finds in these logs:", *(f"# {guess.channel}: {_plain(guess.column)}" for guess in known)]
+  return lines + (["[channels]  # goes before the map", *(_entry(columns, g) for g in moved.values())] if moved else [])
 
 
 def _recording(part: Part) -> list[str]:
