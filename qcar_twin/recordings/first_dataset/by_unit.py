@@ -9,12 +9,14 @@ import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.battery import settle_battery
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_pulse, scale
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
+from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.scales.speed import FOLLOWED, reached
+from qcar_twin.recordings.first_dataset.scales.travel import is_pulse, pedals, stick_of
 from qcar_twin.recordings.first_dataset.scales.turning import Turning
 from qcar_twin.recordings.first_dataset.speeds import follows
 from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
@@ -33,6 +35,7 @@ _ACTIONS = {"action", "actions"}
 _CONTROLS = {"ctrl"}  # of MuJoCo's actuators, whose drive may be a torque as well as a share
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
 _FOLLOWS = 0.8  # correlation with the speed, lagged, from which it follows a command, as of two speeds
+_LEAST = 10  # bins that a correlation is worth
 _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
 
 
@@ -89,18 +92,26 @@ def _steering(columns: Columns, guesses: dict[str, Guess]) -> None:
 
 
 def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
-  """Pulses of a radio control, whatever they are called: the ones that the car turned as and that its speed follows."""
-  names = [name for name in _free(columns, guesses) if is_pulse(columns.values(name))]
+  """Pulses of a radio control, whatever they are called, and its sticks: the ones that the car turned as and that its
+  speed follows. A game's accelerator, whose name says acceleration."""
+  is_stick = lambda name: stick_of(columns.names, columns.values, name) is not None
+  kind = lambda name: "a radio's stick" if is_stick(name) else "pulses"
+  names = [name for name in _free(columns, guesses) if is_pulse(columns.values(name)) or is_stick(name)]
   if names and "steering_command" not in guesses:
-    alike = {name: _turning_alike(columns, guesses, name) for name in names}
+    unwrap_heading(columns, guesses)  # a log without a gyro turned as it
+    alike = {name: _turning_alike(columns, guesses, name, hard=True) for name in names}
     best = max(names, key=lambda name: alike[name])
     if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in names if name != best):
-      _add(columns, guesses, "steering_command", best, f"pulses that the car turned as ({alike[best]:.2f})")
+      _add(columns, guesses, "steering_command", best, f"{kind(best)} that the car turned as ({alike[best]:.2f})")
       names.remove(best)
   if names and not guesses.keys() & set(DRIVE_COMMANDS):
     best, alike_best = _followed(columns, guesses, names)
     if alike_best > _FOLLOWS:
-      _add(columns, guesses, "motor_duty", best, f"pulses that the speed follows ({alike_best:.2f})")
+      _add(columns, guesses, "motor_duty", best, f"{kind(best)} that the speed follows ({alike_best:.2f})")
+  pedal = [] if guesses.keys() & set(DRIVE_COMMANDS) else pedals(columns.names, columns.values)
+  pedal = [name for name in pedal if name in _free(columns, guesses)]
+  if len(pedal) == 1:
+    _add(columns, guesses, "motor_duty", pedal[0], "an accelerator of whole numbers beside such a brake")
 
 
 def _beside_the_steering(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -192,13 +203,19 @@ def like_steering(columns: Columns, guesses: dict[str, Guess]) -> str:
   return f"the car turned as '{best}' says ({alike[best]:.2f}): map it as steering_command, if that was commanded"
 
 
-def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str, rates: bool = False) -> float:
+def _turning_alike(
+  columns: Columns, guesses: dict[str, Guess], name: str, rates: bool = False, hard: bool = False
+) -> float:
   """Size of the correlation of speed times an angle with the turning; 0 where there is none, or, with `rates`, where
-  the turning goes more with the column itself, as with a yaw rate."""
+  the turning goes more with the column itself, as with a yaw rate. `hard`: where the car turned hard, too, of columns
+  that are commands by what they hold."""
   trial = dict(guesses)
   _add(columns, trial, "steering_command", name, "")
-  way, angle, turned = Turning.of(recordings_of(columns, trial)).gently
-  alike = abs(correlation(way * angle, turned, 10))
+  turning = Turning.of(recordings_of(columns, trial))
+  if hard:
+    return abs(turning.alike(_LEAST))
+  way, angle, turned = turning.gently
+  alike = abs(correlation(way * angle, turned, _LEAST))
   return 0.0 if rates and abs(correlation(angle, turned)) > alike else alike
 
 

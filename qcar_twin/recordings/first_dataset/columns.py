@@ -11,6 +11,7 @@ from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.clock_units import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.first_dataset.names import Reading, readings
 from qcar_twin.recordings.first_dataset.scales.series import behind, usual_run
+from qcar_twin.recordings.first_dataset.scales.travel import hundreds, is_pulse, travel_of
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.axles import of_wheels
 from qcar_twin.recordings.formats.composed import parts_of_others
@@ -21,7 +22,6 @@ from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 
-_NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's lock, is a share of full lock
 _LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
 _CLOCK_UNITS = {"us", "µs", "ms", "millis", "micros"}  # that are a counter's name, which may begin again
 _COUNTED = 2.0  # of a name's score: more than a second word that fits
@@ -30,7 +30,6 @@ _TICKS = 0.05  # share of rows in which a clock that a slower publisher holds ha
 _LATE_ROWS = 0.01  # share of rows that a logger of several threads writes out of order
 _USED = 0.02  # of full duty, which no car is driven with at most: so little is no per cent
 _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
-_PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
 _COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and how often it has to step
 _EVEN, _MOSTLY = 0.5, 0.8  # share of the usual step that a clock's have at least, and how many of them
 _STEPS = {"dt", "deltat", "timestep"}
@@ -247,7 +246,8 @@ def scale(columns: Columns, guess: Guess) -> None:
         guess.scale /= _HAND_TURNS
         guess.why.append(f"usual cars' road wheels turn by 1/{_HAND_TURNS:g} of it")
     if guess.channel == "motor_speed" and is_electrical(guess.column):
-      guess.scale /= _POLE_PAIRS
+      guess.scale *= (hundred := hundreds(columns.names, guess.column)) / _POLE_PAIRS
+      guess.why += ["in hundreds, as Betaflight's blackbox has it"] if hundred > 1.0 else []
       guess.why.append(f"of the field, which turns {_POLE_PAIRS:g} times as fast as a motor of 4 poles")
   elif guess.channel == "speed_command" and unit is not None and unit[1] == CHANNELS["motor_speed"].unit:
     guess.scale, guess.named = unit[2] / (_POLE_PAIRS if is_electrical(guess.column) else 1.0), True
@@ -257,6 +257,9 @@ def scale(columns: Columns, guess: Guess) -> None:
   elif guess.channel == "steering_command" and unit is not None and unit[1] == "-":
     guess.scale = unit[2]
     guess.why.append(f"in {unit[0]} of full travel")
+  elif (travel := travel_of(columns.names, columns.values, guess.channel, guess.column)) is not None:
+    guess.scale = travel[0]
+    guess.why.append(travel[1])
   elif guess.channel in ("motor_duty", "steering_command") and is_pulse(columns.values(guess.column)):
     guess.scale, guess.offset = 1.0 / 500.0, -3.0
     guess.why.append("values around 1500 are a servo's pulse in us, 500 to full travel")
@@ -279,21 +282,6 @@ def _scale_time(columns: Columns, guess: Guess) -> None:
   if (read := unit_of_clock(guess.column, step, columns.top(guess.column))) is not None:
     guess.scale = read[0]
     guess.why.append(f"steps of {step:g} are a log's in {read[1]}")
-
-
-def is_pulse(values: Array) -> bool:
-  """Whether values are pulses of a radio control's servo or speed controller, us."""
-  low, high = np.percentile(values, [1, 99])
-  return bool(_PULSE[0] < low and high < _PULSE[1])
-
-
-def is_share_of_lock(columns: Columns, guess: Guess) -> bool:
-  """Whether a steering command is a share of full lock rather than an angle: pulses are, and small numbers without a
-  unit."""
-  unit = unit_of(guess.column)
-  if is_pulse(columns.values(guess.column)) or (unit is not None and unit[1] == "-"):
-    return True
-  return unit is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
 
 
 def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:

@@ -18,6 +18,12 @@ _PLACES = (
 # after "!" words that forbid it
 # what a message about the throttle has besides it
 _MEASURED = "|speed|spd|velocity|vel|rpm|erpm|acceleration|accel|acc|voltage|volt|volts|current|amps|temp|temperature"
+# what is "current" in the sense of now: CurrentLap, current_speed
+_QUALIFIED = (
+  "lap|laps|race|sector|gear|rpm|erpm|speed|spd|velocity|vel|position|pose|heading|yaw|angle|steering|waypoint|state"
+  "|mode|step|run"
+)
+_TURNING = "rotation|rotational|rotary"  # of a wheel: an angular speed
 _RULES: dict[str, tuple[str, ...]] = {
   "time": (
     "ms today",
@@ -41,7 +47,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "pedal|accelerator !brake|clutch|steering",
   ),
   "motor_current": (
-    "current|amps command",
+    f"current|amps command !{_QUALIFIED}",
     "axis|odrive|odrv iq setpoint",
   ),
   "speed_command": (
@@ -59,6 +65,7 @@ _RULES: dict[str, tuple[str, ...]] = {
   "motor_speed": (
     "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w !command",
     "wheel|wheels|encoder|enc|motor|mot|rotor rad|omega|w|rpm|rps !angle|steering|steer|position|pos|imu|gyro|command",
+    f"wheel|wheels {_TURNING} speed|spd|velocity|vel|rate !command",
     "rpm !e|command",
     "rps !gyro|gyr",
     "e rpm !command",
@@ -68,7 +75,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "axis|odrive|odrv vel estimate",
   ),
   "speed": (
-    "speed|spd|velocity|vel|vels|v !angular|yaw|gyro|motor|command|steering|y|z|lateral",
+    f"speed|spd|velocity|vel|vels|v !angular|yaw|gyro|motor|command|steering|y|z|lateral|{_TURNING}",
     "v enc|encoder|meas|measured|actual|act|odom|odo|wheel|rl|rr|hl|hr|fl|fr|vl|vr !y|z|command",
     "v long|longitudinal|lon !command",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
@@ -115,15 +122,15 @@ _RULES: dict[str, tuple[str, ...]] = {
     "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": (
-    "yaw|heading|theta|psi|phi|orientation|compass|azimuth|bearing"
+    "yaw|heading|hdg|theta|psi|phi|orientation|compass|azimuth|bearing"
     " !rate|dot|punkt|p|vel|velocity|speed|gyro|x|z|w|command",
     "rz !rate|vel|velocity|speed",
   ),
   "pose_score": ("score|confidence|quality",),
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|level|soc|temperature|power",),
   "armature_current": (
-    "current|amps !command|battery|supply|time|in|input",
-    "current|amps motor|mot|armature|phase !command|in|input",
+    f"current|amps !command|battery|supply|time|in|input|{_QUALIFIED}",
+    f"current|amps motor|mot|armature|phase !command|in|input|{_QUALIFIED}",
     "axis|odrive|odrv iq measured",
     "motor|mot|armature i !command",
   ),

@@ -13,12 +13,13 @@ from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.pushes import is_lifted
 from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Bins, Suspect, compare, of_most
 from qcar_twin.recordings.completed import with_speed
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading, unwrap_heading
 from qcar_twin.recordings.first_dataset.scales.clock import in_time
 from qcar_twin.recordings.first_dataset.scales.sensor import other_axes
 from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
+from qcar_twin.recordings.first_dataset.scales.travel import is_share_of_lock
 from qcar_twin.recordings.first_dataset.scales.turning import STEEPEST, Turning
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -45,6 +46,7 @@ _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase st
 _MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _LEAST = 10  # bins that tell how a car turned
+_NO_ANGLE = "no angle turns a car as much as this one turned at its speed: look at speed and yaw rate first"
 _LONGEST = 6.0  # m, of a lorry's wheelbase
 _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
 
@@ -218,7 +220,7 @@ def settle_steering(
   guess = guesses.get("steering_command")
   if guess is None:
     return wheelbase
-  share = not guess.settled and is_share_of_lock(columns, guess)
+  share = not guess.settled and is_share_of_lock(columns.names, columns.values, guess.column, guess.offset)
   if share:
     guess.scale, guess.offset = guess.scale * vehicle.max_steering, guess.offset * vehicle.max_steering
     guess.why.append(f"a share of full lock, {vehicle.max_steering:g} rad")
@@ -229,7 +231,8 @@ def settle_steering(
     return wheelbase
   ratio, sign = turned.ratio(wheelbase), math.copysign(1.0, alike)
   if not ratio * np.abs(angle).max() < STEEPEST:
-    guess.why.append("no angle turns a car as much as this one turned at its speed: look at speed and yaw rate first")
+    if _NO_ANGLE not in guess.why:
+      guess.why.append(_NO_ANGLE)
     return wheelbase
   if sign < 0.0:
     guess.why.append("the car turned the other way")

@@ -7,7 +7,8 @@ import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns
 from qcar_twin.recordings.first_dataset.names import readings
-from qcar_twin.recordings.first_dataset.scales.brake import BRAKES, PRESSED
+from qcar_twin.recordings.first_dataset.scales.brake import PRESSED
+from qcar_twin.recordings.first_dataset.scales.travel import BRAKES
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import unit_of, words_of
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+from qcar_twin.recordings.first_dataset.scales.travel import BRAKES
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
-BRAKES = {"brake", "brakes", "braking", "brk"}
 PRESSED = 0.05  # of its largest value, from which a brake is pressed
 _TOGETHER = 0.02  # share of the pressed rows with throttle as well, up to which one hand gives both
 _LONGEST = 1.0  # m of wheelbase: larger cars brake by friction at their wheels, which is no duty

@@ -111,6 +111,7 @@ def _of_lines(lines: Sequence[str], encoding: str) -> Dialect:
     return Dialect(",", ".", encoding, 0)
   separator, wide = _separator(lines[content[min(_SAMPLE, len(content) - 1)]])
   cells = {k: _cells(lines[k], separator) for k in filled}
+  content = sorted({*content, *(k for k in filled if _counts_rows(cells[k], wide))})
   first = next((k for k in content if len(cells[k]) == wide and _mostly(cells[k], _number)), None)
   above = [] if first is None else _stack([k for k in content if k < first], cells, wide)
   commented = [k for k in filled if k < (content[0] if first is None else first) and k not in content]
@@ -175,6 +176,11 @@ def _number(cell: str) -> bool:
 def _unit(cell: str) -> bool:
   word = cell.strip().strip("[](){}").lower()
   return word in UNITS or word in _NO_UNIT
+
+
+def _counts_rows(cells: Sequence[str], wide: int) -> bool:
+  """Whether a line that begins with # is one of units, the first of which says that its column numbers the rows."""
+  return len(cells) == wide > 1 and cells[0].strip() == "#" and _mostly(cells[1:], _unit)
 
 
 def _mostly(cells: Sequence[str], is_one: Callable[[str], bool]) -> bool:

@@ -34,6 +34,7 @@ def read(tmp_path, lines, name="log.csv", encoding="utf-8"):
     (["Take,a", ",car,car", ",Turn,Place", "Time,X,X", *ROWS], ["Time", "car Turn X", "car Place X"]),
     (["\ufeff# a car", "# a day", NAMES, *ROWS[:40], "# the battery", *ROWS[40:]], ["time", "throttle", "speed"]),
     (["# time,throttle,speed", *ROWS], ["time", "throttle", "speed"]),
+    (["Run A,carpet,", "row,throttle,speed", "#,%,mph", *ROWS], ["row", "throttle [%]", "speed [mph]"]),
   ],
   ids=[
     "preamble",
@@ -43,6 +44,7 @@ def read(tmp_path, lines, name="log.csv", encoding="utf-8"):
     "several lines of names",
     "comments and a mark",
     "commented names",
+    "units below a number of the row",
   ],
 )
 def test_the_lines_above_the_numbers_name_the_columns(tmp_path, lines, names):
