@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from calibration.fitting.noise import ChannelNoise
-from calibration.log_check.causes import ALIKE, KNOTS, scaled, steered, tolerance
+from calibration.log_check.causes import ALIKE, KNOTS, LATE, scaled, steered, tolerance
 from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import LAGS, Comparison, Estimate, compare
@@ -183,6 +183,8 @@ def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str, slid
     said = f"{sensors} has another sign in {name} than in {than}, by {c.motion.name}"
     return [Finding("spoils", channels, f"{said}; {cure}")]
   alike = [o for o in others if scaled(o)]
+  if late := _answers_apart(name, c, alike, than):
+    return [late]
   if not scaled(c) or len(alike) < min(len(others), _FILES):
     return []
   factor = c.scale.value / float(np.median([o.scale.value for o in alike]))
@@ -209,3 +211,17 @@ def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str, slid
     said += f" {c.motion.reference[0]}"
     return [Finding("beware", channels, f"{said}; {cure}")]
   return []
+
+
+def _answers_apart(name: str, c: Comparison, alike: Sequence[Comparison], than: str) -> Finding | None:
+  """What to say of a file in which the car answers the steering by more earlier or later than any servo takes."""
+  if not alike or not steered(c.motion):
+    return None
+  late = dataclasses.replace(c.lag, value=c.lag.value - float(np.median([o.lag.value for o in alike])))
+  if not (abs(late.value) > LATE and late.beyond(0.0, _SURE)):
+    return None
+  command, way = c.motion.reference[0], ("earlier", "up") if late.value < 0.0 else ("later", "down")
+  said = f"{c.motion.compared[0]} answers {command} {abs(late.value):.2f} s {way[0]} in {name} than in"
+  said += f" {than}, which no servo does: {command} has another clock there"
+  cure = f"move its column in {name} {way[1]} by that much against the rest, or leave {name} out, since [channels] holds for all files"
+  return Finding("spoils", (command,), f"{said}; {cure}")

@@ -76,6 +76,21 @@ def test_a_file_whose_speed_is_late_is_named():
   assert late == pytest.approx(300.0, abs=10.0)
 
 
+@pytest.mark.parametrize(("rows", "way"), [(50, "earlier"), (-50, "later")])
+def test_a_file_whose_steering_has_another_clock_spoils_and_is_named(rows, way):
+  """A column that was moved by a second against the rest, as in a spreadsheet."""
+  runs = []
+  for k in range(4):
+    time, columns = wander(40 + k)
+    if f"run_{k}.csv" == ODD:
+      columns = columns | {"steering_command": np.roll(columns["steering_command"], rows)}
+    runs.append(Recording.from_columns(f"run_{k}", time, columns, file=f"run_{k}.csv"))
+  found = about_files(check_log(DataSet("lab", tuple(runs), VEHICLE, STD)))
+  ((severity, text),) = [one for one in found if "answers steering_command" in one[1]]
+  assert severity == "spoils" and f"s {way} in {ODD} than in the other files" in text
+  assert float(text.split("steering_command ")[1].split(" ")[0]) == pytest.approx(1.0, abs=0.05)
+
+
 @pytest.mark.parametrize(
   ("channel", "severity", "said"),
   [
