@@ -223,5 +223,5 @@ def _answers_apart(name: str, c: Comparison, alike: Sequence[Comparison], than: 
   command, way = c.motion.reference[0], ("earlier", "up") if late.value < 0.0 else ("later", "down")
   said = f"{c.motion.compared[0]} answers {command} {abs(late.value):.2f} s {way[0]} in {name} than in"
   said += f" {than}, which no servo does: {command} has another clock there"
-  cure = f"move its column in {name} {way[1]} by that much against the rest, or leave {name} out, since [channels] holds for all files"
+  cure = f"move its column in {name} {way[1]} by that much against the rest, or leave {name} out"
   return Finding("spoils", (command,), f"{said}; {cure}")

@@ -16,6 +16,7 @@ from qcar_twin.recordings.channels import GRAVITY
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.heading import contrary
 from qcar_twin.recordings.first_dataset.plane import upright
+from qcar_twin.recordings.first_dataset.scales.sides import side_of
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
@@ -41,10 +42,11 @@ def turning_right(columns: Columns, guesses: Mapping[str, Guess], lies: bool = F
   Args:
     lies: whether gravity told how the IMU lies, and so which way a log of right-handed axes counts.
   """
-  names = [set(words_of(name)) for name in columns.names]
-  engine = next((one for one, signs in _ENGINES if all(any(sign <= name for name in names) for sign in signs)), None)
+  engine = _engine(columns)
   engine = None if lies and engine not in _LEFT_HANDED else engine
   sided = [name for name in _SIDED if name in guesses]
+  if (engine or upright(columns, guesses)) and side_of(columns, guesses):
+    return []
   if engine is not None and sided:
     return [
       f"the columns are called as {engine}'s, which counts to the right: is left positive in this log? if right is, "
@@ -65,6 +67,22 @@ def turning_right(columns: Columns, guesses: Mapping[str, Guess], lies: bool = F
     f"'{heading.column}' may count as a compass does, clockwise: is left positive in this log? if right is, multiply "
     f"scale and offset of {', '.join(name for name in ('steering_command', 'pose_yaw') if name in guesses)} by -1"
   ]
+
+
+def settle_sides(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Mirror a log that may count to the right, of an engine by its names or with a place whose y points up, where the
+  wheels outside of its turns say that it does."""
+  if not (_engine(columns) or upright(columns, guesses)) or side_of(columns, guesses) >= 0:
+    return
+  for guess in (guesses[name] for name in _SIDED if name in guesses):
+    guess.scale, guess.offset = -guess.scale, -guess.offset
+    guess.why.append("counted to the right: the wheels outside of turns go faster")
+
+
+def _engine(columns: Columns) -> str | None:
+  """The engine as whose columns these are called."""
+  names = [set(words_of(name)) for name in columns.names]
+  return next((one for one, signs in _ENGINES if all(any(sign <= name for name in names) for sign in signs)), None)
 
 
 def pointing_down(columns: Columns, guesses: Mapping[str, Guess], recordings: Sequence[Recording]) -> str | None:

@@ -2,8 +2,8 @@
 speeding up which axis points forwards.
 
 With three accelerometers, specific force f has f = +g upwards at rest, and forwards f = d(speed)/dt. The third axis is
-left = up x forward, and the yaw rate is what the gyro says about the upright axis. Of a gyro alone the sign is that of
-f_left = speed times yaw rate.
+left = up x forward, and the yaw rate is what the gyro says about the upright axis. Of a gyro alone, and of one beside
+no heading, the sign is that of f_left = speed times yaw rate: flight controllers count yaw to the right.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 _ACCELEROMETERS = {"acc", "accel", "acl", "acceleration", "accelerometer", "a"}
 _GYROS = {"gyro", "gyr", "gyroscope", "angular", "omega", "g", "w"}
 _AXES = "xyz"
+_PLACE = ("pose_x", "pose_y")
 # what 1 g reads: m/s^2, g, mg, and the counts of accelerometers of 16 bits with ranges of 2, 4, 8 and 16 g
 _READS = {GRAVITY: "m/s^2", 1.0: "g", 1000.0: "mg"} | {
   count: f"counts of {count:g} a g" for count in (16384.0, 8192.0, 4096.0, 2048.0)
@@ -97,7 +98,8 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
     _take(guesses, channel, column, sign * imu.scale)
   if "yaw_rate" in guesses and imu.gyros:
     _take(guesses, "yaw_rate", imu.gyros[mount.up], mount.signs[2] * abs(guesses["yaw_rate"].scale))
-  elif "yaw_rate" in guesses and _correlation(recordings_of(columns, guesses), _going_round) < -ALIKE:
+  told = imu.gyros and "pose_yaw" in guesses  # a heading tells which of gyro and force counts the other way
+  if "yaw_rate" in guesses and not told and _correlation(recordings_of(columns, guesses), _going_round) < -ALIKE:
     _take(guesses, "yaw_rate", guesses["yaw_rate"].column, -guesses["yaw_rate"].scale)
   for name in ("accel_x", "accel_y", "yaw_rate"):
     if name in guesses and before.get(name) != (guesses[name].column, guesses[name].scale):
@@ -149,16 +151,23 @@ def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
 
 def settle_left(columns: Columns, guesses: dict[str, Guess]) -> None:
   """Count an accelerometer's left axis the other way where it runs against speed times yaw rate, and the gyro turns as
-  a heading that goes with its path: its y points to the right. Nothing changes where gravity tells how the IMU lies, or
-  no heading confirms the gyro: then either of the two may have the wrong sign."""
-  if not {"yaw_rate", "accel_y", "pose_yaw"} <= guesses.keys() or lies(columns, guesses):
+  a heading that goes with its path: its y points to the right. Without a gyro the heading's own turning counts.
+
+  Nothing changes where no heading confirms the gyro: then either of the two may have the wrong sign. Nor where gravity
+  tells how the IMU lies, unless the heading goes with a path to east and north: then its axes are left-handed."""
+  if not {"accel_y", "pose_yaw"} <= guesses.keys():
+    return
+  gyro, known = "yaw_rate" in guesses, {"east", "north"} <= {w for n in _PLACE for w in _words(guesses, n)}
+  if (gyro or not known) and lies(columns, guesses):
     return
   recordings = recordings_of(columns, guesses)
-  if contrary(recordings) or not goes_with(recordings) or not _correlation(recordings, _going_round) < -ALIKE:
+  rounds = _going_round if gyro else _going_round_by_heading
+  if contrary(recordings) or not goes_with(recordings) or not _correlation(recordings, rounds) < -ALIKE:
     return
   guesses["accel_y"].scale, guesses["accel_y"].offset = -guesses["accel_y"].scale, -guesses["accel_y"].offset
   guesses["accel_y"].why.append(
-    "it runs against speed x yaw_rate, and the heading turns as the gyro: right is positive"
+    f"it runs against speed x yaw_rate, {'and the heading turns as the gyro' if gyro else 'as the heading turns'}: "
+    "right is positive"
   )
 
 
@@ -316,6 +325,20 @@ def _finer_speed(recording: Recording) -> str:
   """The car's speed, or the motor's where that has more samples: of GPS once a second tell no change in a quarter."""
   count = lambda name: len(recording[name]) if name in recording else 0
   return max(("speed", "motor_speed"), key=count)
+
+
+def _going_round_by_heading(recording: Recording) -> Array:
+  """The same by how fast the heading turns."""
+  name = "speed" if "speed" in recording else "motor_speed"
+  if not {name, "accel_y", "pose_yaw"} <= set(recording.channels):
+    return np.empty((2, 0))
+  edges = _edges(recording)
+  speed = recording[name].interpolate(0.5 * (edges[1:] + edges[:-1]))
+  return np.stack([_means(recording, "accel_y", edges), speed * np.diff(recording["pose_yaw"].interpolate(edges))])
+
+
+def _words(guesses: Mapping[str, Guess], channel: str) -> tuple[str, ...]:
+  return words_of(guesses[channel].column) if channel in guesses else ()
 
 
 def _edges(recording: Recording) -> Array:

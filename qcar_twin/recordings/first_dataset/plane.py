@@ -33,11 +33,16 @@ def settle_plane(columns: Columns, guesses: dict[str, Guess]) -> None:
     scale(columns, guesses[channel])
   for channel, kinds in _ABOUT_Y.items():
     turned = [name for name in columns.names if _about_y(name) & kinds and not columns.constant(name)]
-    if len(turned) == 1 and channel not in guesses:
+    if len(turned) == 1 and (channel not in guesses or turned[0] in _turned_beside(columns, guesses[channel])):
       guesses[channel] = Guess(channel, turned[0], why=[f"'{axes['y']}' points up, and this turns about it"])
       scale(columns, guesses[channel])
       if channel == "yaw_rate":
         _settle_accelerometer(columns, guesses, axes["y"])
+
+
+def _turned_beside(columns: Columns, guess: Guess) -> set[str]:
+  """The other axes of the sensor of a turning that was taken about z, as its name says."""
+  return set(_axes(columns, guess.column, "z").values()) - {guess.column}
 
 
 def upright(columns: Columns, guesses: Mapping[str, Guess]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import SIZES, check_car
-from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
+from qcar_twin.recordings.first_dataset.axes import pointing_down, settle_sides, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive, like_steering
 from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
@@ -102,6 +102,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
     unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
     turned = settle_imu(columns, guesses)
     leave_engine(guesses, recordings_of(columns, guesses))
+    settle_sides(columns, guesses)
     unsure += settle_wheels(columns, guesses, vehicle) or settle_speed_unit(columns, guesses)
     gearing = None if "gear_ratio" in said else _gearing(columns, guesses, vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)

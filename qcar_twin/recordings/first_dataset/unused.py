@@ -27,7 +27,7 @@ def said_of(columns: Columns, name: str) -> str:
 
 def _text(columns: Columns, name: str) -> str:
   """What keeps a column from being one of numbers, where its cells begin with digits; empty for words and numbers."""
-  if name in columns.names or any(f"{name} [" == other[: len(name) + 2] for other in columns.names):
+  if name in columns.names or any(other.startswith((f"{name} [", f"{name}.")) for other in columns.names):
     return ""
   for table in columns.holding(name):
     cells = table.columns[name]

@@ -45,15 +45,25 @@ def of_wheels(name: str) -> bool:
   return bool(words & _WHEELS) and not words & _MOTORS
 
 
+def pairs_of_wheels(names: Iterable[str]) -> list[tuple[str, str]]:
+  """Every two columns of wheels' speeds whose names differ by the side alone, the left one first."""
+  names = tuple(names)
+  return list(dict.fromkeys(pair for sides in _SIDES for pair in _pairs(names, *sides)))
+
+
 def _pair(names: Iterable[str], left: str, right: str) -> tuple[str, str] | None:
   """Two columns of wheels' speeds whose names differ by the side alone; None where there is not one pair."""
+  pairs = _pairs(names, left, right)
+  rear = [pair for pair in pairs if "rear" in words_of(pair[0])]
+  pairs = rear or pairs
+  return pairs[0] if len(pairs) == 1 else None
+
+
+def _pairs(names: Iterable[str], left: str, right: str) -> list[tuple[str, str]]:
   words = {name: words_of(name) for name in names}
   named = _SPEEDS | ({"v"} if {left, right} <= SIDES else set())
   speeds = {name: w for name, w in words.items() if set(w) & named and not set(w) & NO_SPEEDS}
   swapped = lambda w: tuple(right if word == left else word for word in w)
-  pairs = [
+  return [
     (a, b) for a, one in speeds.items() if one.count(left) == 1 for b, other in speeds.items() if swapped(one) == other
   ]
-  rear = [pair for pair in pairs if "rear" in words[pair[0]]]
-  pairs = rear or pairs
-  return pairs[0] if len(pairs) == 1 else None

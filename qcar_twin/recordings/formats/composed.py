@@ -25,6 +25,8 @@ _WITH_UNIT = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+
 _MOST = 16  # elements of a cell that are columns
 _INDEXED = re.compile(r"^(?P<stem>.+?)[._ ]?(?P<place>\d)$")
 _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
+_FIX = re.compile(r"^\s*(?P<latitude>-?\d{1,2}\.\d+)[\s,;]+(?P<longitude>-?\d{1,3}\.\d+)\s*$")
+_RECEIVERS = {"gps", "gnss"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
 _ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
@@ -133,7 +135,21 @@ def _elements(names: Iterable[str]) -> dict[str, str]:
 
 def of_cells(table: Table) -> dict[str, np.ndarray]:
   """Columns of numbers, (rows,), from cells that hold more than a number: lists, and numbers with their unit."""
-  return {**_lists(table), **_with_units(table)}
+  return {**_lists(table), **_with_units(table), **_fixes(table)}
+
+
+def _fixes(table: Table) -> dict[str, np.ndarray]:
+  """Latitude and longitude of cells that hold both, as radios write what a receiver says: `47.38911 8.61210`."""
+  out = {}
+  for name, cells in table.columns.items():
+    there = [k for k, cell in enumerate(cells) if cell is not None] if cells.dtype == object else []
+    rows = [_FIX.match(str(cells[k])) for k in there]
+    if not rows or not all(rows) or not set(words_of(name)) & _RECEIVERS:
+      continue
+    for what in ("latitude", "longitude"):
+      out[f"{name}.{what}"] = np.full(cells.size, np.nan)
+      out[f"{name}.{what}"][there] = [float(row[what]) for row in rows if row]
+  return out
 
 
 def composed(table: Table) -> Table:
@@ -159,7 +175,7 @@ def composed(table: Table) -> Table:
       made[element] = parts[0]
   made |= axle_means(table)
   made |= {name: values for name, values in of_a_free_joint(table).items() if name not in table}
-  if (place := _place(table)) is not None:
+  if (place := _place(dataclasses.replace(table, columns={**table.columns, **made}))) is not None:
     made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}
   return dataclasses.replace(table, columns={**table.columns, **made}, not_a_number={**table.not_a_number, **blank})

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from qcar_twin.recordings.checks.units import UNIT_CORRELATION, compare
+from qcar_twin.recordings.checks.units import EXACT, UNIT_CORRELATION, compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
@@ -38,7 +38,11 @@ def settle_speed_unit(columns: Columns, guesses: Mapping[str, Guess]) -> list[st
   """Read a speed in the usual unit by which the accelerometers along and across both show its motion; returns a
   question where two units are so near to each other that they may be either."""
   guess = guesses.get("speed")
-  if guess is None or unit_of(guess.column) is not None or "pose_x" in guesses:
+  if guess is None or unit_of(guess.column) is not None:
+    return []
+  if guess.scale != 1.0:
+    _settle_as_it_is(columns, guesses, guess)
+  if "pose_x" in guesses:
     return []
   recordings = recordings_of(columns, {name: g for name, g in guesses.items() if name != "pose_yaw"})
   felt = [guesses[name] for name in _ALONG_AND_ACROSS if name in guesses]
@@ -61,6 +65,24 @@ def settle_speed_unit(columns: Columns, guesses: Mapping[str, Guess]) -> list[st
     f"{guess.scale / factor * _UNITS[unit]:.6g} on speed"
     for unit in near
   ]
+
+
+def _settle_as_it_is(columns: Columns, guesses: Mapping[str, Guess], guess: Guess) -> None:
+  """Take a speed that its size put into another unit as it is, in m/s, where the place, or both accelerometers, show
+  the same motion so: a car of full size is faster than a small one."""
+  raw = Guess("speed", guess.column, hold=guess.hold)
+  recordings = recordings_of(columns, {**{n: g for n, g in guesses.items() if n != "pose_yaw"}, "speed": raw})
+  if "pose_x" in guesses:
+    told = [c.slope() for r in recordings for c in compare(r, {}) if {"speed", "pose_x"} <= set(c.takes)]
+    same = [1.0 / EXACT < slope < EXACT for slope, alike in told if alike > UNIT_CORRELATION]
+  else:
+    same = [_off(recordings, 1.0) < math.log(_NEAR)]
+  if not same or not all(same):
+    return
+  guess.scale, guess.named = 1.0, True
+  guess.why = [why for why in guess.why if "too much for" not in why]
+  by = "the place" if "pose_x" in guesses else "both accelerometers"
+  guess.why.append(f"in m/s, as {by} shows, though it reaches {columns.top(guess.column):.3g}")
 
 
 def settle_letter(columns: Columns, guesses: dict[str, Guess]) -> None:

@@ -62,6 +62,17 @@ def test_a_long_turn_of_1_m_s2_is_no_gravity(tmp_path):
   assert all("scale" not in table["channels"][name] for name in ("accel_x", "accel_y"))
 
 
+def test_a_gyro_that_counts_to_the_right_beside_accelerometers_that_count_to_the_left(tmp_path):
+  """As a flight controller's: no heading was logged, and gravity says which way the accelerometers lie."""
+  time, own = drive(60.0)
+  columns = {"throttle": own["motor_voltage"] / 8.0, "speed": speed_of(own), "gyro_x": 0.01 * own["accel_x"]}
+  columns |= {"gyro_y": 0.01 * own["accel_y"], "gyro_z": -own["yaw_rate"], **felt(own, 2048.0)}
+  table, _ = log(tmp_path, time, columns | {"steer": -own["steering_command"]})
+  taken = table["channels"]
+  assert taken["yaw_rate"] == {"column": "gyro_z", "scale": -1.0} and taken["accel_y"]["scale"] > 0.0
+  assert taken["steering_command"]["scale"] == pytest.approx(-1.0, rel=0.1)
+
+
 def test_a_sensor_that_lies_on_its_side_counts_in_any_unit_too(tmp_path):
   """Where the speed was logged, its axes are found as well: z is the car's left, and y upright."""
   time, own = drive(60.0)

@@ -70,6 +70,21 @@ def test_a_radios_sticks_go_to_1024_and_the_one_that_the_heading_follows_steers(
   assert np.isclose(abs(taken["steering_command"]["scale"]), LOCK / 1024.0, rtol=0.15)
 
 
+def with_fixes(own):
+  """The same with satellites, and accelerometers of which y points to the right; gravity is along z."""
+  north, east = own["pose_y"] / 111_180.0, own["pose_x"] / 75_640.0  # degrees at a latitude of 47.3
+  fixes = [f"{47.3 + a:.7f} {8.6 + b:.7f}" for a, b in zip(north, east, strict=True)]
+  felt = {"AccX(g)": own["accel_x"] / 9.80665, "AccZ(g)": 1.0 + 0.01 * own["accel_x"]}
+  return {"GPS": fixes, **felt, **radio(own)}
+
+
+def test_a_place_of_satellites_tells_that_heading_stick_and_force_count_to_the_right(tmp_path):
+  taken, text = channels(tmp_path, with_fixes)
+  assert taken["pose_x"]["column"] == "gps.east" and taken["pose_yaw"]["scale"] < 0.0
+  assert taken["accel_y"]["scale"] == -9.80665 and taken["steering_command"]["scale"] < 0.0
+  assert "which is not a number" not in text
+
+
 def bytes_of(own):
   slows = np.convolve(own["accel_x"], np.full(25, 1.0 / 25.0), "same") < -0.3
   gas = np.where(slows, 0.0, own["motor_voltage"])
