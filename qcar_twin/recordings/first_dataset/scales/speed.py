@@ -40,7 +40,7 @@ def settle_speed_unit(columns: Columns, guesses: Mapping[str, Guess]) -> list[st
   guess = guesses.get("speed")
   if guess is None or unit_of(guess.column) is not None:
     return []
-  if guess.scale != 1.0:
+  if abs(guess.scale) != 1.0:
     _settle_as_it_is(columns, guesses, guess)
   if "pose_x" in guesses:
     return []
@@ -70,7 +70,7 @@ def settle_speed_unit(columns: Columns, guesses: Mapping[str, Guess]) -> list[st
 def _settle_as_it_is(columns: Columns, guesses: Mapping[str, Guess], guess: Guess) -> None:
   """Take a speed that its size put into another unit as it is, in m/s, where the place, or both accelerometers, show
   the same motion so: a car of full size is faster than a small one."""
-  raw = Guess("speed", guess.column, hold=guess.hold)
+  raw = Guess("speed", guess.column, math.copysign(1.0, guess.scale), hold=guess.hold)
   recordings = recordings_of(columns, {**{n: g for n, g in guesses.items() if n != "pose_yaw"}, "speed": raw})
   if "pose_x" in guesses:
     told = [c.slope() for r in recordings for c in compare(r, {}) if {"speed", "pose_x"} <= set(c.takes)]
@@ -79,7 +79,7 @@ def _settle_as_it_is(columns: Columns, guesses: Mapping[str, Guess], guess: Gues
     same = [_off(recordings, 1.0) < math.log(_NEAR)]
   if not same or not all(same):
     return
-  guess.scale, guess.named = 1.0, True
+  guess.scale, guess.named = raw.scale, True
   guess.why = [why for why in guess.why if "too much for" not in why]
   by = "the place" if "pose_x" in guesses else "both accelerometers"
   guess.why.append(f"in m/s, as {by} shows, though it reaches {columns.top(guess.column):.3g}")
