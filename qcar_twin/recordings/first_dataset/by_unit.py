@@ -14,6 +14,7 @@ from qcar_twin.recordings.first_dataset.heading import unwrap_heading
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.first_dataset.scales.counter import SLOPE, adds_up, with_slope
 from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.scales.speed import FOLLOWED, reached
 from qcar_twin.recordings.first_dataset.scales.travel import is_pulse, pedals, stick_of
@@ -97,21 +98,39 @@ def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
   is_stick = lambda name: stick_of(columns.names, columns.values, name) is not None
   kind = lambda name: "a radio's stick" if is_stick(name) else "pulses"
   names = [name for name in _free(columns, guesses) if is_pulse(columns.values(name)) or is_stick(name)]
+  unwrap_heading(columns, guesses if names else {})  # a log without a gyro turned as it
+  seen, told = _by_counts(columns, guesses) if names else (columns, guesses)
   if names and "steering_command" not in guesses:
-    unwrap_heading(columns, guesses)  # a log without a gyro turned as it
-    alike = {name: _turning_alike(columns, guesses, name, hard=True) for name in names}
+    turned = {name: _turning(seen, told, name).alike(_LEAST) for name in names}
+    alike = {name: abs(one) for name, one in turned.items()}
     best = max(names, key=lambda name: alike[name])
     if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in names if name != best):
       _add(columns, guesses, "steering_command", best, f"{kind(best)} that the car turned as ({alike[best]:.2f})")
+      if seen is not columns and turned[best] < 0.0:  # else the sign comes with the angle, once the speed is settled
+        _other_way(guesses["steering_command"])
       names.remove(best)
   if names and not guesses.keys() & set(DRIVE_COMMANDS):
-    best, alike_best = _followed(columns, guesses, names)
+    best, alike_best = _followed(seen, told, names)
     if alike_best > _FOLLOWS:
       _add(columns, guesses, "motor_duty", best, f"{kind(best)} that the speed follows ({alike_best:.2f})")
   pedal = [] if guesses.keys() & set(DRIVE_COMMANDS) else pedals(columns.names, columns.values)
   pedal = [name for name in pedal if name in _free(columns, guesses)]
   if len(pedal) == 1:
     _add(columns, guesses, "motor_duty", pedal[0], "an accelerator of whole numbers beside such a brake")
+
+
+def _other_way(guess: Guess) -> None:
+  guess.scale, guess.offset = -guess.scale, -guess.offset
+  guess.why.append("the car turned the other way")
+
+
+def _by_counts(columns: Columns, guesses: dict[str, Guess]) -> tuple[Columns, dict[str, Guess]]:
+  """The logs and what is guessed of them, with a speed, in no unit, by what counts a wheel's or a motor's turning,
+  where no other column is one."""
+  counters = [name for name in _free(columns, guesses) if adds_up(columns, name)]
+  if not counters or guesses.keys() & {"speed", "motor_speed"}:
+    return columns, guesses
+  return with_slope(columns, counters[0]), {**guesses, "speed": Guess("speed", f"{SLOPE}{counters[0]}")}
 
 
 def _beside_the_steering(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -203,18 +222,17 @@ def like_steering(columns: Columns, guesses: dict[str, Guess]) -> str:
   return f"the car turned as '{best}' says ({alike[best]:.2f}): map it as steering_command, if that was commanded"
 
 
-def _turning_alike(
-  columns: Columns, guesses: dict[str, Guess], name: str, rates: bool = False, hard: bool = False
-) -> float:
-  """Size of the correlation of speed times an angle with the turning; 0 where there is none, or, with `rates`, where
-  the turning goes more with the column itself, as with a yaw rate. `hard`: where the car turned hard, too, of columns
-  that are commands by what they hold."""
+def _turning(columns: Columns, guesses: dict[str, Guess], name: str) -> Turning:
+  """How the car turned, were this column the steering."""
   trial = dict(guesses)
   _add(columns, trial, "steering_command", name, "")
-  turning = Turning.of(recordings_of(columns, trial))
-  if hard:
-    return abs(turning.alike(_LEAST))
-  way, angle, turned = turning.gently
+  return Turning.of(recordings_of(columns, trial))
+
+
+def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str, rates: bool = False) -> float:
+  """Size of the correlation of speed times an angle with the turning, where it was gentle; 0 where there is none, or,
+  with `rates`, where the turning goes more with the column itself, as with a yaw rate."""
+  way, angle, turned = _turning(columns, guesses, name).gently
   alike = abs(correlation(way * angle, turned, _LEAST))
   return 0.0 if rates and abs(correlation(angle, turned)) > alike else alike
 

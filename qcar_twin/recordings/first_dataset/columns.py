@@ -37,6 +37,7 @@ _POLE_PAIRS = 2.0  # of most motors of 1:10 cars; `new` asks
 _HAND_TURNS = 16.0  # angle of the steering wheel by that of the road wheels: 12 to 20 of passenger cars
 _HAND_WHEEL = {"steering", "wheel"}  # what a driver turns, many times as far as the road wheels
 _ANY_ANGLE = math.degrees(_LOCK) * _HAND_TURNS  # deg, beyond which no steering wheel is turned
+_MOST_FELT = 4.0  # g: tyres hold 1 to 2, and of a hundred readings one may be a bump
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
 
 
@@ -266,7 +267,10 @@ def scale(columns: Columns, guess: Guess) -> None:
   elif top > channel.limit:
     least = _USED * channel.limit if guess.channel == "motor_duty" else 0.0
     usual = [(name, factor) for name, factor in channel.log_units if least < top * factor < channel.limit]
-    if usual:
+    jolts = 1e-3 * float(np.percentile(np.abs(columns.values(guess.column)), 99.0))
+    if usual and usual[0][0] == "mg" and jolts > _MOST_FELT:
+      guess.why.append(f"it would often reach {jolts:.2g} g in mg, more than a car feels: counts of an unknown size")
+    elif usual:
       guess.scale = usual[0][1]
       guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
   if guess.channel == "motor_speed" and of_wheels(guess.column):

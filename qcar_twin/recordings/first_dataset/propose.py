@@ -22,6 +22,7 @@ from qcar_twin.recordings.first_dataset.scales.brake import settle_brake
 from qcar_twin.recordings.first_dataset.scales.engine import leave_engine
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
 from qcar_twin.recordings.first_dataset.scales.promised import settle_promised
+from qcar_twin.recordings.first_dataset.scales.raw import asked_of_raw
 from qcar_twin.recordings.first_dataset.scales.speed import (
   asked_of_speed,
   settle_commanded_unit,
@@ -109,6 +110,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
     settle_left(columns, guesses)
     settle_commanded_unit(columns, guesses)
+    unsure += asked_of_raw(columns, guesses)
     unsure += asked_of_speed(guesses, recordings_of(columns, guesses), vehicle, turns_like, wheelbase)
   car = Car(vehicle, known, kind, why, said, turns_like, gearing)
   if topics is None:

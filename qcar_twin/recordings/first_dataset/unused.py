@@ -8,6 +8,7 @@ import numpy as np
 from qcar_twin.recordings.first_dataset.columns import Columns
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.scales.brake import PRESSED
+from qcar_twin.recordings.first_dataset.scales.counter import adds_up
 from qcar_twin.recordings.first_dataset.scales.travel import BRAKES
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import unit_of, words_of
@@ -59,7 +60,7 @@ def _counts(columns: Columns, name: str) -> bool:
 def _counter(columns: Columns, name: str) -> str:
   """What to make of an encoder's counts, which are no speed; empty for any other column, an odometer in km say."""
   words = set(words_of(name))
-  if not words & _COUNTERS or words & {"time", "stamp", "row"}:
+  if words & {"time", "stamp", "row"} or not (words & _COUNTERS or adds_up(columns, name)):
     return ""
   mapped = f'map it as speed = {{ column = "{name}", scale = … }}, the scale m per step'
   if name.lower().endswith(_A_SECOND):
