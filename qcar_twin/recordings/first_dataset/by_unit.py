@@ -100,11 +100,12 @@ def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
   names = [name for name in _free(columns, guesses) if is_pulse(columns.values(name)) or is_stick(name)]
   unwrap_heading(columns, guesses if names else {})  # a log without a gyro turned as it
   seen, told = _by_counts(columns, guesses) if names else (columns, guesses)
-  if names and "steering_command" not in guesses:
-    turned = {name: _turning(seen, told, name).alike(_LEAST) for name in names}
+  if names:  # what is called a servo and no turning follows is another one's
+    called = {guess.column for guess in guesses.values() if guess.channel == "steering_command"}
+    turned = {name: _turning(seen, told, name).alike(_LEAST) for name in (*names, *called)}
     alike = {name: abs(one) for name, one in turned.items()}
     best = max(names, key=lambda name: alike[name])
-    if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in names if name != best):
+    if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in turned if name != best):
       _add(columns, guesses, "steering_command", best, f"{kind(best)} that the car turned as ({alike[best]:.2f})")
       if seen is not columns and turned[best] < 0.0:  # else the sign comes with the angle, once the speed is settled
         _other_way(guesses["steering_command"])

@@ -49,6 +49,21 @@ def test_electrical_revolutions_elsewhere_are_no_hundreds(tmp_path):
   assert np.isclose(taken["motor_speed"]["scale"], np.pi / 30.0 / 2.0)
 
 
+def test_a_servo_that_no_turning_follows_gives_way_to_a_stick_that_it_does(tmp_path):
+  another = lambda own: 1500.0 + 300.0 * np.sin(0.9 * np.arange(own["speed"].size) / 50.0)
+  taken, _ = channels(tmp_path, lambda own: {**blackbox(own), "servo[5]": another(own)})
+  assert taken["steering_command"]["column"] == "rcCommand[0]"
+  served = lambda own: np.round(1500.0 - 450.0 * own["steering_command"] / LOCK)
+  taken, _ = channels(tmp_path, lambda own: {**blackbox(own), "servo[5]": served(own)})
+  assert taken["steering_command"]["column"] == "servo[5]"
+
+
+def test_that_no_angle_turns_a_car_so_much_is_said_once(tmp_path):
+  slow = lambda own: {"servo": own["steering_command"], "duty": own["motor_voltage"] / 8.0, "gyro_z": own["yaw_rate"]}
+  _, text = channels(tmp_path, lambda own: {**slow(own), "speed [m/s]": 0.02 * own["speed"]})
+  assert text.count("no angle turns a car as much") == 1
+
+
 def radio(own):
   still = np.zeros(own["speed"].size)
   return {
