@@ -101,6 +101,7 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
   told = imu.gyros and "pose_yaw" in guesses  # a heading tells which of gyro and force counts the other way
   if "yaw_rate" in guesses and not told and _correlation(recordings_of(columns, guesses), _going_round) < -ALIKE:
     _take(guesses, "yaw_rate", guesses["yaw_rate"].column, -guesses["yaw_rate"].scale)
+    guesses["yaw_rate"].why.append("counted the other way, by what is felt in turns")
   for name in ("accel_x", "accel_y", "yaw_rate"):
     if name in guesses and before.get(name) != (guesses[name].column, guesses[name].scale):
       guesses[name].why.append(_said(mount))
