@@ -9,6 +9,7 @@ no heading, the sign is that of f_left = speed times yaw rate: flight controller
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -162,7 +163,7 @@ def settle_left(columns: Columns, guesses: dict[str, Guess]) -> None:
   if (gyro or not known) and lies(columns, guesses):
     return
   recordings = recordings_of(columns, guesses)
-  rounds = _going_round if gyro else _going_round_by_heading
+  rounds = _going_round if gyro else functools.partial(_going_round, by="pose_yaw")
   if contrary(recordings) or not goes_with(recordings) or not _correlation(recordings, rounds) < -ALIKE:
     return
   guesses["accel_y"].scale, guesses["accel_y"].offset = -guesses["accel_y"].scale, -guesses["accel_y"].offset
@@ -312,30 +313,21 @@ def _speeding_up(recording: Recording) -> Array:
   return np.stack([_means(recording, "accel_x", edges), np.diff(recording[name].interpolate(edges))])
 
 
-def _going_round(recording: Recording) -> Array:
-  """Mean acceleration to the left, and speed times yaw rate, in bins, (2, k)."""
+def _going_round(recording: Recording, by: str = "yaw_rate") -> Array:
+  """Mean acceleration to the left, and speed times yaw rate, or times how fast the heading turns, in bins, (2, k)."""
   name = _finer_speed(recording)
-  if not {name, "accel_y", "yaw_rate"} <= set(recording.channels):
+  if not {name, "accel_y", by} <= set(recording.channels):
     return np.empty((2, 0))
   edges = _edges(recording)
   speed = recording[name].interpolate(0.5 * (edges[1:] + edges[:-1]))
-  return np.stack([_means(recording, "accel_y", edges), speed * _means(recording, "yaw_rate", edges)])
+  turns = _means(recording, by, edges) if by == "yaw_rate" else np.diff(recording[by].interpolate(edges))
+  return np.stack([_means(recording, "accel_y", edges), speed * turns])
 
 
 def _finer_speed(recording: Recording) -> str:
   """The car's speed, or the motor's where that has more samples: of GPS once a second tell no change in a quarter."""
   count = lambda name: len(recording[name]) if name in recording else 0
   return max(("speed", "motor_speed"), key=count)
-
-
-def _going_round_by_heading(recording: Recording) -> Array:
-  """The same by how fast the heading turns."""
-  name = "speed" if "speed" in recording else "motor_speed"
-  if not {name, "accel_y", "pose_yaw"} <= set(recording.channels):
-    return np.empty((2, 0))
-  edges = _edges(recording)
-  speed = recording[name].interpolate(0.5 * (edges[1:] + edges[:-1]))
-  return np.stack([_means(recording, "accel_y", edges), speed * np.diff(recording["pose_yaw"].interpolate(edges))])
 
 
 def _words(guesses: Mapping[str, Guess], channel: str) -> tuple[str, ...]:

@@ -101,9 +101,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
     settle_brake(columns, guesses, vehicle.wheelbase)
     settle_gravity(columns, guesses)
     unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
-    turned = settle_imu(columns, guesses)
-    leave_engine(guesses, recordings_of(columns, guesses))
-    settle_sides(columns, guesses)
+    turned = _settle_axes(columns, guesses)
     unsure += settle_wheels(columns, guesses, vehicle) or settle_speed_unit(columns, guesses)
     gearing = None if "gear_ratio" in said else _gearing(columns, guesses, vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
@@ -128,6 +126,14 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
   lines += [line for part in told_apart(parts) for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+
+
+def _settle_axes(columns: Columns, guesses: dict[str, Guess]) -> bool:
+  """Settle how the IMU lies and which way a log counts, an engine left out; returns whether the IMU lies upside down."""
+  turned = settle_imu(columns, guesses)
+  leave_engine(guesses, recordings_of(columns, guesses))
+  settle_sides(columns, guesses)
+  return turned
 
 
 def _gearing(columns: Columns, guesses: Mapping[str, Guess], vehicle: Vehicle) -> float | None:
