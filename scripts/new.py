@@ -37,6 +37,8 @@ class Config:
   """Radius of the wheels, m; without it an estimate from the wheelbase."""
   gear_ratio: float | None = None
   """Turns of a wheel per turn of the motor, 0.1 say; without it by the log's speeds, where both are there."""
+  rate: float | None = None
+  """Rate at which the rows of logs without a clock were written, Hz."""
   out: Path | None = None
   """Folder for the check's page; FOLDER_check next to the data set where not given."""
 
@@ -45,7 +47,7 @@ def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
   drives = drives_of(config.folder, placed(config.folder, logs_of(config.files or (config.folder,), config.folder)))
   said = {key: figure for key in SAID if (figure := getattr(config, key)) is not None}
-  proposal = propose(config.folder.resolve().name, drives.tables, **said)
+  proposal = propose(config.folder.resolve().name, drives.tables, config.rate, **said)
   print("".join(f"{line}\n" for line in drives.said), end="")
   for path in drives.lay(config.folder):
     print(f"  written: {path}")

@@ -19,6 +19,7 @@ from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, as_driven, share_out
 from qcar_twin.recordings.first_dataset.scales.brake import settle_brake
+from qcar_twin.recordings.first_dataset.scales.clock import BY_ROW, by_rows, rate_of
 from qcar_twin.recordings.first_dataset.scales.engine import leave_engine
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
 from qcar_twin.recordings.first_dataset.scales.promised import settle_promised
@@ -53,24 +54,28 @@ class Proposal:
 
   Attributes:
     text: of the file.
-    guesses: a line each, as they stand in the file.
-    channels: of these, the lines of [channels], or of what a ready-made map says.
+    channels: of its lines those of [channels], or of what a ready-made map says.
     missing: what the loader needs and no column seems to be.
     questions: what several columns may equally be; the loader refuses the file until a person has chosen.
   """
 
   text: str
-  guesses: tuple[str, ...]
   channels: tuple[str, ...]
   missing: tuple[str, ...]
   questions: tuple[str, ...] = ()
 
+  @property
+  def guesses(self) -> tuple[str, ...]:
+    """A line each, as they stand in the file."""
+    return tuple(line for line in self.text.splitlines() if MARK in line and not line.startswith("#"))
 
-def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
+
+def propose(name: str, tables: Sequence[Table], rate: float | None = None, **said: float) -> Proposal:
   """A first dataset.toml for logs; `Table.label` is the file's name in the folder. Where every clock is a date's they
   are listed in the order they were driven, else as they are given.
 
   Args:
+    rate: rows a second of logs without a clock, where a person says it.
     said: of SAID, in m, kg and turns of a wheel per turn of the motor, where a person says them; the log's motion
       and the wheelbase tell else.
 
@@ -80,7 +85,7 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
   if not tables:
     raise RecordingError("no log was given; name at least one file")
   _check_said(said)
-  topics, columns = _fitting_map(tables), Columns(tables, said.get("gear_ratio"))
+  topics, columns = _fitting_map(tables), Columns(tables := by_rows(tables, rate), said.get("gear_ratio"))
   known: Mapping[str, float | str] = topics.vehicle if topics else {}
   guesses = _mapped(topics, tables) if topics is not None else _named(columns)
   kind, why = _drive(guesses)
@@ -124,12 +129,11 @@ def propose(name: str, tables: Sequence[Table], **said: float) -> Proposal:
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(columns, guesses, moved)
   lines += ["", *channels]
   lines += [line for part in told_apart(parts) for line in _recording(part)]
-  marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
-  return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+  return Proposal("\n".join(lines) + "\n", tuple(channels[1:]), missing, questions)
 
 
 def _settle_axes(columns: Columns, guesses: dict[str, Guess]) -> bool:
-  """Settle how the IMU lies and which way a log counts, an engine left out; returns whether the IMU lies upside down."""
+  """Settle how the IMU lies and which way a log counts, without an engine; returns whether the IMU lies upside down."""
   turned = settle_imu(columns, guesses)
   leave_engine(guesses, recordings_of(columns, guesses))
   settle_sides(columns, guesses)
@@ -270,6 +274,8 @@ def _head(name: str, topics: TopicMap | None, questions: Sequence[str]) -> list[
 def _entry(columns: Columns, guess: Guess) -> str:
   """A channel's line in [channels]."""
   entry: dict[str, Any] = {"column": guess.column}
+  if guess.column == BY_ROW:
+    return f"{guess.channel} = {{ rate = {as_value(rate_of(columns.tables[0]))} }}  # as said: the logs have no clock"
   entry |= {"scale": guess.scale} if guess.scale != 1.0 else {}
   entry |= {"offset": guess.offset} if guess.offset != 0.0 else {}
   entry |= {"wrap": True} if guess.wrap else {}
@@ -286,7 +292,7 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
   lines += [_entry(columns, guess) for guess in guesses.values()]
   if "time" in missing:
     lines.append(
-      "# time = { rate = … }  # needed: the log's rate in Hz, which no column tells, where every row is one step"
+      "# time = { rate = … }  # needed: the log's rate in Hz, which no column tells, where a row is a step: say --rate"
     )
   lines += [f'# {what} = {{ column = "…" }}  # needed, and no column says it is this; fill it in' for what in missing]
   taken = {name for guess in guesses.values() for name in (guess.column, guess.gate, guess.minus)}

@@ -1,5 +1,6 @@
 """What a person says of the car's size goes into the draft; what is not said is estimated from it and marked."""
 
+import dataclasses
 import tomllib
 
 import pytest
@@ -82,3 +83,23 @@ def test_another_convention_than_the_drafts_is_refused_with_its_cure(log, said, 
 def test_millimetres_and_grams_are_said_before_anything_is_written(log):
   with pytest.raises(RecordingError, match="in mm. multiply all lengths by 0.001, and the mass, in g, by 0.001"):
     propose("car", [log], wheelbase=260.0, mass=2700.0)
+
+
+def test_a_rate_that_was_said_is_the_clock_by_which_signs_and_units_are_settled(tmp_path):
+  """A steering that counts to the right, a gyro in deg/s: both are told by motion, which needs a clock."""
+  time, columns = wander(21)
+  logged = {"throttle": columns["motor_voltage"] / 8.0, "speed": columns["speed"]}
+  logged |= {"steer": -columns["steering_command"] / 0.5236, "gyro_z": columns["yaw_rate"]}
+  write_csv(tmp_path / "run.csv", time, logged)
+  table = read_table(tmp_path / "run.csv")
+  without = dataclasses.replace(table, columns={name: own for name, own in table.columns.items() if name != "time"})
+  draft = propose("car", [without], wheelbase=0.256)
+  assert draft.missing == ("time",) and "say --rate" in draft.text
+  told = propose("car", [without], rate=50.0, wheelbase=0.256)
+  channels = tomllib.loads(told.text)["channels"]
+  assert not told.missing and channels["time"] == {"rate": 50.0}
+  assert channels["steering_command"]["scale"] < 0.0
+  with pytest.raises(RecordingError, match="'time' is the clock; leave the rate out"):
+    propose("car", [table], rate=50.0)
+  with pytest.raises(RecordingError, match="rate must be a positive number"):
+    propose("car", [without], rate=0.0)
