@@ -247,8 +247,9 @@ def _unknown(problem: Problem) -> Slopes:
 
 
 def descended(
-  problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED, known: Slopes | None = None
-) -> tuple[Problem, Fit]:
+  problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED, known: Slopes | None = None,
+  guard: bool = True,
+) -> tuple[Problem, Fit]:  # fmt: skip
   """The minimum, and the problem there.
 
   Args:
@@ -257,10 +258,11 @@ def descended(
     start: first estimates, (p,).
     enough: nats; a correction by MuJoCo that promises less is the last one.
     known: slopes of the same problem from an earlier search.
+    guard: where MuJoCo does not confirm a step, the stretches in which the slopes of the two differ are left to it from
+      then on, which takes many times as long; else the search ends there.
 
   A surrogate is put right by MuJoCo wherever its own minimum lay, until it predicts no reduction: by forward
-  differences first, and where these see none by the wide stencils of a rough cost, too. Where MuJoCo does not confirm a
-  step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
+  differences first, and where these see none by the wide stencils of a rough cost, too.
   """
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
   known = known or _unknown(problem)
@@ -280,15 +282,16 @@ def descended(
     there = problem.at(embedded(minimum.theta))
     actual = cost - _cost(there, base, minimum.theta)
     log.info("MuJoCo: %.1f nats of the %.1f that the surrogate predicted", actual, predicted)
-    if not trusted(predicted, actual):
+    led = trusted(predicted, actual)
+    if not led and guard:
       guarded = misled(problem, embedded(theta), embedded(minimum.theta))
       log.info("left to MuJoCo: %s", guarded)
       problem, there = problem.guarding(guarded), there.guarding(guarded)
       known.forget()
-    elif actual <= 0.0:
-      break
     if actual > 0.0:
       problem, theta, cost = there, minimum.theta, cost - actual
+    if actual <= 0.0 if led else not guard:
+      break
     minimum = _fit(problem, base, theta, _LONGEST, 0.0, stencils, known)
   residual = problem.fitted_residual(embedded(theta)[None])[0]
   return problem, dataclasses.replace(minimum, theta=theta, residual=residual, cost=cost)
