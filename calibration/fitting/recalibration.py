@@ -290,7 +290,7 @@ def descended(
       known.forget()
     if actual > 0.0:
       problem, theta, cost = there, minimum.theta, cost - actual
-    if actual <= 0.0 if led else not guard:
+    if (led and actual <= 0.0) or not (led or guard):
       break
     minimum = _fit(problem, base, theta, _LONGEST, 0.0, stencils, known)
   residual = problem.fitted_residual(embedded(theta)[None])[0]

@@ -75,8 +75,7 @@ def settle_sides(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   if not (_engine(columns) or upright(columns, guesses)) or side_of(columns, guesses) >= 0:
     return
   for guess in (guesses[name] for name in _SIDED if name in guesses):
-    guess.scale, guess.offset = -guess.scale, -guess.offset
-    guess.why.append("counted to the right: the wheels outside of turns go faster")
+    guess.reverse("counted to the right: the wheels outside of turns go faster")
 
 
 def _engine(columns: Columns) -> str | None:

@@ -108,7 +108,7 @@ def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
     if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in turned if name != best):
       _add(columns, guesses, "steering_command", best, f"{kind(best)} that the car turned as ({alike[best]:.2f})")
       if seen is not columns and turned[best] < 0.0:  # else the sign comes with the angle, once the speed is settled
-        _other_way(guesses["steering_command"])
+        guesses["steering_command"].reverse("the car turned the other way")
       names.remove(best)
   if names and not guesses.keys() & set(DRIVE_COMMANDS):
     best, alike_best = _followed(seen, told, names)
@@ -118,11 +118,6 @@ def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
   pedal = [name for name in pedal if name in _free(columns, guesses)]
   if len(pedal) == 1:
     _add(columns, guesses, "motor_duty", pedal[0], "an accelerator of whole numbers beside such a brake")
-
-
-def _other_way(guess: Guess) -> None:
-  guess.scale, guess.offset = -guess.scale, -guess.offset
-  guess.why.append("the car turned the other way")
 
 
 def _by_counts(columns: Columns, guesses: dict[str, Guess]) -> tuple[Columns, dict[str, Guess]]:

@@ -11,7 +11,7 @@ from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.clock_units import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.first_dataset.names import Reading, readings
 from qcar_twin.recordings.first_dataset.scales.series import behind, usual_run
-from qcar_twin.recordings.first_dataset.scales.travel import hundreds, is_pulse, travel_of
+from qcar_twin.recordings.first_dataset.scales.travel import LOCK, hundreds, is_pulse, travel_of
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.axles import of_wheels
 from qcar_twin.recordings.formats.composed import parts_of_others
@@ -22,7 +22,6 @@ from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 
-_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
 _CLOCK_UNITS = {"us", "µs", "ms", "millis", "micros"}  # that are a counter's name, which may begin again
 _COUNTED = 2.0  # of a name's score: more than a second word that fits
 _LEAST = 10  # repeated stamps, from which a habit of the log is read
@@ -36,7 +35,7 @@ _STEPS = {"dt", "deltat", "timestep"}
 _POLE_PAIRS = 2.0  # of most motors of 1:10 cars; `new` asks
 _HAND_TURNS = 16.0  # angle of the steering wheel by that of the road wheels: 12 to 20 of passenger cars
 _HAND_WHEEL = {"steering", "wheel"}  # what a driver turns, many times as far as the road wheels
-_ANY_ANGLE = math.degrees(_LOCK) * _HAND_TURNS  # deg, beyond which no steering wheel is turned
+_ANY_ANGLE = math.degrees(LOCK) * _HAND_TURNS  # deg, beyond which no steering wheel is turned
 _MOST_FELT = 4.0  # g: tyres hold 1 to 2, and of a hundred readings one may be a bump
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
 
@@ -60,6 +59,11 @@ class Guess:
   named: bool = False
   settled: bool = False
   why: list[str] = dataclasses.field(default_factory=list)
+
+  def reverse(self, why: str) -> None:
+    """Count the other way, for a reason."""
+    self.scale, self.offset = -self.scale, -self.offset
+    self.why.append(why)
 
   @property
   def mapped(self) -> Mapped:
@@ -243,7 +247,7 @@ def scale(columns: Columns, guess: Guess) -> None:
     ):
       guess.named = False
       guess.why.append("an angle of the steering wheel, not of the road wheels")
-      if top * unit[2] > _LOCK:
+      if top * unit[2] > LOCK:
         guess.scale /= _HAND_TURNS
         guess.why.append(f"usual cars' road wheels turn by 1/{_HAND_TURNS:g} of it")
     if guess.channel == "motor_speed" and is_electrical(guess.column):

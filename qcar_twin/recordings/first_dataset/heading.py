@@ -104,8 +104,7 @@ def settle_gyro(guesses: Mapping[str, Guess], recordings: Sequence[Recording]) -
     return
   for name in ("yaw_rate", "accel_y"):
     if name in guesses:
-      guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
-      guesses[name].why.append("counted to the right, as in aircraft: the heading turns the other way along its path")
+      guesses[name].reverse("counted to the right, as in aircraft: the heading turns the other way along its path")
 
 
 def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:

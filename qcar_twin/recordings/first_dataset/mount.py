@@ -109,8 +109,7 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
   recordings = recordings_of(columns, guesses)
   if {"pose_x", "pose_y", "pose_yaw"} <= guesses.keys() and contrary(recordings) and goes_with(recordings):
     for name in ("pose_y", "pose_yaw"):
-      guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
-      guesses[name].why.append("counted as in aircraft, to the right: by gravity the gyro turns the other way")
+      guesses[name].reverse("counted as in aircraft, to the right: by gravity the gyro turns the other way")
 
 
 def settle_level(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -146,8 +145,7 @@ def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
   if not (agrees and goes_with(recordings) and _correlation(recordings, _going_round) > ALIKE):
     return False
   for name in ("yaw_rate", "accel_y"):
-    guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
-    guesses[name].why.append("heading and steering turn the other way, and gyro and accelerometer agree: upside down")
+    guesses[name].reverse("heading and steering turn the other way, and gyro and accelerometer agree: upside down")
   return True
 
 
@@ -166,8 +164,7 @@ def settle_left(columns: Columns, guesses: dict[str, Guess]) -> None:
   rounds = _going_round if gyro else functools.partial(_going_round, by="pose_yaw")
   if contrary(recordings) or not goes_with(recordings) or not _correlation(recordings, rounds) < -ALIKE:
     return
-  guesses["accel_y"].scale, guesses["accel_y"].offset = -guesses["accel_y"].scale, -guesses["accel_y"].offset
-  guesses["accel_y"].why.append(
+  guesses["accel_y"].reverse(
     f"it runs against speed x yaw_rate, {'and the heading turns as the gyro' if gyro else 'as the heading turns'}: "
     "right is positive"
   )

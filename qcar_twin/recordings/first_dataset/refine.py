@@ -19,7 +19,7 @@ from qcar_twin.recordings.first_dataset.scales.clock import in_time
 from qcar_twin.recordings.first_dataset.scales.sensor import other_axes
 from qcar_twin.recordings.first_dataset.scales.series import correlation
 from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
-from qcar_twin.recordings.first_dataset.scales.travel import is_share_of_lock
+from qcar_twin.recordings.first_dataset.scales.travel import LEAST_LOCK, LOCK, is_share_of_lock
 from qcar_twin.recordings.first_dataset.scales.turning import STEEPEST, Turning
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -43,8 +43,6 @@ _GEARS = {"gear", "gears", "direction", "dir"}
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _TIED = 0.7  # correlation from which turning says what a steering command means
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
-_MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
-_LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _LEAST = 10  # bins that tell how a car turned
 _NO_ANGLE = "no angle turns a car as much as this one turned at its speed: look at speed and yaw rate first"
 _LONGEST = 6.0  # m, of a lorry's wheelbase
@@ -253,7 +251,7 @@ def settle_steering(
 def _unusual(ratio: float, angle: Array) -> bool:
   """Whether an angle of a usual size, scaled so, would be none that a car is steered with."""
   usual = np.abs(angle).max()
-  return (ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual) or usual <= _MOST_LOCK < ratio * usual
+  return (ratio < _ROAD_ANGLE[0] and ratio * usual < LEAST_LOCK <= usual) or usual <= LOCK < ratio * usual
 
 
 def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle, place: bool = True) -> float | None:

@@ -221,9 +221,8 @@ def settle_way(columns: Columns, guesses: dict[str, Guess]) -> None:
     if len(witnesses) < _WITNESSES or any(sign * alike < -ALIKE for alike in told.values()):
       continue
     for guess in (guesses[name] for name in turned):
-      guess.scale, guess.offset = -guess.scale, -guess.offset
       other = "the command" if turned == speeds else "the speed"
-      guess.why.append(f"counted the other way: {other}, {' and '.join(witnesses)} say so")
+      guess.reverse(f"counted the other way: {other}, {' and '.join(witnesses)} say so")
 
 
 def _settle_backward_heading(columns: Columns, guesses: dict[str, Guess], drive: str) -> None:

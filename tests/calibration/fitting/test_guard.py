@@ -1,10 +1,12 @@
 """Where MuJoCo refuses a step that the surrogate promised, the fewest stretches are left to it."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from calibration.fitting import recalibration
 from calibration.fitting.likelihood import misled
 
 SIZE = 10  # values of a stretch
@@ -50,3 +52,49 @@ def test_near_a_minimum_one_stretch_is_not_left_for_what_nobody_would_notice():
   """Without the stretch that misled, 2 nats are promised as 5 less 3, and MuJoCo says 5 too many."""
   promised, kept = ([slope(n) for n in nats] for nats in ((5.0, 20.0, -3.0), (1.0, -20.0, -6.0)))
   assert misled(Linear(promised, Linear(kept)), START, TRIED) == [SPIN]
+
+
+@dataclasses.dataclass(frozen=True)
+class Minimum:
+  theta: np.ndarray
+  cost: float
+  residual: np.ndarray
+
+
+class Astray:
+  """A problem whose surrogate promises 50 nats, of which MuJoCo finds 10, once; it is nothing else."""
+
+  parameters = SimpleNamespace(nominal=np.zeros(1))
+  exact = None
+
+  def __init__(self):
+    self.left = []
+
+  def embed(self, names, values, nominal):
+    return np.atleast_2d(values)
+
+  def at(self, theta):
+    return self
+
+  def guarding(self, stretches):
+    self.left.extend(stretches)
+    return self
+
+  def fitted_residual(self, theta):
+    return np.zeros((1, 1))
+
+
+@pytest.mark.parametrize("guard", [True, False])
+def test_a_search_that_may_not_leave_anything_to_mujoco_ends_where_it_no_longer_confirms(monkeypatch, guard):
+  """What it did confirm is kept either way."""
+  costs = {0.0: 100.0, 1.0: 90.0}
+  monkeypatch.setattr(recalibration, "_cost", lambda problem, base, theta: costs[float(theta[0])])
+  tries = iter([Minimum(TRIED - 1.0, 50.0, np.zeros(1)), *[Minimum(TRIED - 1.0, 90.0, np.zeros(1))] * 2])
+  monkeypatch.setattr(recalibration, "_fit", lambda *_args: next(tries))
+  monkeypatch.setattr(recalibration, "misled", lambda *_args: [SPIN])
+  known = SimpleNamespace(forget=lambda: None)
+  problem = Astray()
+  _, least = recalibration.descended(problem, SimpleNamespace(names=("p",)), START, 10.0, known, guard)
+  assert (least.theta, least.cost) == (1.0, 90.0)
+  assert problem.left == ([SPIN, SPIN] if guard else [])  # the problem at the anchor, and the one at the step
+  assert len(list(tries)) == (0 if guard else 2)

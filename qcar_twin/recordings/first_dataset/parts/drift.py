@@ -85,8 +85,7 @@ def _faster(pairs: Sequence[Pair], sure: bool = True) -> float:
 
 def _slowed(motion: Motion, faster_by: float) -> Motion:
   """A motion whose clock ran too fast, from its start on."""
-  size = max(len(values) for values in (motion.speed, motion.turning) if values is not None)
-  own = PERIOD * np.arange(size) / (1.0 + faster_by)
+  own = PERIOD * np.arange(motion.size) / (1.0 + faster_by)
   grid = np.arange(0.0, own[-1], PERIOD)
   moved = lambda values: None if values is None else np.interp(grid, own, values)
   end = motion.start + (motion.end - motion.start) / (1.0 + faster_by)
@@ -110,9 +109,8 @@ def _lags(pair: Pair) -> Array:
 
 def _cut(motion: Motion, begin: float, end: float) -> Motion:
   """A part of a motion."""
-  size = max(len(values) for values in (motion.speed, motion.turning) if values is not None)
   first = max(round((begin - motion.start) / PERIOD), 0)
-  last = min(round((end - motion.start) / PERIOD), size)
+  last = min(round((end - motion.start) / PERIOD), motion.size)
   part = lambda values: None if values is None else values[first:last]
   return Motion(motion.start + first * PERIOD, motion.start + last * PERIOD, part(motion.speed), part(motion.turning),
                 motion.sensed, tuple(push[first:last] for push in motion.pushes))  # fmt: skip

@@ -38,6 +38,11 @@ class Motion:
   sensed: tuple[bool, bool] = (True, True)
   pushes: tuple[Array, ...] = ()
 
+  @property
+  def size(self) -> int:
+    """Points of its grid; 0 where nothing tells."""
+    return max((len(values) for values in (self.speed, self.turning) if values is not None), default=0)
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -122,8 +127,7 @@ def fit(one: Motion, other: Motion, turned: int = 0) -> Fit:
   mean = _mean([r for r in scores if len(r) == count])
   if not np.isfinite(mean).any():
     return Fit(np.nan, 0.0, np.nan, np.nan)
-  size = len(one.speed if one.speed is not None else one.turning if one.turning is not None else ())
-  lags = PERIOD * (np.arange(count) - (count - size)) + one.start - other.start
+  lags = PERIOD * (np.arange(count) - (count - one.size)) + one.start - other.start
   best = int(np.nanargmax(mean))
   far = np.abs(lags - lags[best]) > 1.0
   at_zero = int(np.argmin(np.abs(lags)))

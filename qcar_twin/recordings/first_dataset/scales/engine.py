@@ -9,7 +9,7 @@ from qcar_twin.recordings.checks.units import Bins
 from qcar_twin.recordings.first_dataset.columns import Guess
 from qcar_twin.recordings.recording import Recording
 
-_IDLES = 0.05  # of its top speed: usual engines idle at a sixth to a tenth of it, and a motor that is geared stands
+_IDLES = 0.05  # of its top speed, stated prior: engines idle at a sixth to a tenth of it, and a geared motor stands
 _MOST = (
   0.9  # share of the time at rest in which it turns: one that hums to a stop, or that a hand turned, does at times
 )

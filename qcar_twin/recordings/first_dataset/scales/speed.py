@@ -13,6 +13,7 @@ from qcar_twin.recordings.checks.units import EXACT, UNIT_CORRELATION, compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.first_dataset.scales.travel import LEAST_LOCK
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of
 from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
@@ -22,14 +23,10 @@ _ALONG_AND_ACROSS = ("accel_x", "accel_y")
 _NEAR = 1.5  # of an accelerometer, which feels tilt and slip besides
 _ONE_OF_TWO = 1.25  # factor between two units, within which accelerometers don't tell them apart
 _LONGER = 1.5  # of the wheelbase that a log turns like, from which another unit of its speed would explain it
-_LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _PLACES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 FOLLOWED = 1.25  # factor between a commanded speed and the one that the place shows, within which it was reached
-_A_WHILE, _HELD, _LEAST = (
-  0.5,
-  0.05,
-  20,
-)  # s under one command, and share of it by which that may vary; samples that tell
+_A_WHILE, _HELD = 0.5, 0.05  # s under one command, and share of it by which that may vary
+_LEAST = 20  # samples that tell
 _ONE_SIZE = 2.0  # factor between a commanded speed and the one that was reached, within which they have one unit
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
 
@@ -148,7 +145,7 @@ def asked_of_speed(
   if {"pose_x", *_ALONG_AND_ACROSS} & guesses.keys():
     return []
   angles = [np.abs(r["steering_command"].value).max() for r in recordings if "steering_command" in r]
-  slight = said is not None and not steering.named and 0.0 < max(angles, default=0.0) < _LEAST_LOCK
+  slight = said is not None and not steering.named and 0.0 < max(angles, default=0.0) < LEAST_LOCK
   if not slight and (said is not None or turns_like < _LONGER * vehicle.wheelbase):
     return []
   speeds = [np.abs(r["speed"].value) for r in recordings if "speed" in r]

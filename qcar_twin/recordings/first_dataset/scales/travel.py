@@ -24,7 +24,8 @@ _RADIO, _BLACKBOX, _BYTE, _SIGNED_BYTE = 1024.0, 500.0, 255.0, 127.0
 _OF_BLACKBOX = re.compile(r"^\s*rcCommand\[[0-2]\]$")
 _HUNDREDS = 100.0  # electrical rpm to a count of a blackbox
 _PEDALS = {"accel", "accelerator", "acceleration", "throttle", "gas"}
-_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
+LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
+LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's lock, is a share of full lock
 
 
@@ -59,7 +60,7 @@ def travel_of(names: Sequence[str], values: Values, channel: str, name: str) -> 
     return None
   if (stick := stick_of(names, values, name)) is not None:
     return 1.0 / stick, f"a stick, {stick:g} to full travel"
-  if channel != "steering_command" or not _LOCK < np.abs(values(name)).max() <= _SIGNED_BYTE + 1.0:
+  if channel != "steering_command" or not LOCK < np.abs(values(name)).max() <= _SIGNED_BYTE + 1.0:
     return None
   if not _whole(values(name)) or not pedals(names, values):
     return None
@@ -78,7 +79,7 @@ def is_share_of_lock(names: Sequence[str], values: Values, name: str, offset: fl
   unit, own = unit_of(name), values(name)
   if is_pulse(own) or (unit is not None and unit[1] == "-") or travel_of(names, values, "steering_command", name):
     return True
-  return unit is None and (offset != 0.0 or _LOCK < float(np.percentile(np.abs(own), 99.9)) <= _NORMALISED)
+  return unit is None and (offset != 0.0 or LOCK < float(np.percentile(np.abs(own), 99.9)) <= _NORMALISED)
 
 
 def _is_byte(values: Array) -> bool:
